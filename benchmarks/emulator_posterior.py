@@ -93,6 +93,14 @@ def sampled(study: Study, emulator: Surrogate, seed: int) -> Draws:
     return Draws(model, found.draws[kept], weights[kept] / weights[kept].sum())
 
 
+def _levels(draws: Draws) -> tuple[Level, ...]:
+    """Return where weighted draws are at each degradation rate."""
+    model = draws.model
+    equal = np.random.default_rng(4).choice(len(draws.weights), 2000, p=draws.weights)
+    assert isinstance(model.forward, Surrogate)
+    return levels_of(model, model.table.named(draws.vectors[equal]), model.forward)
+
+
 def levels_of(model: JointModel, values: Named, emulator: Surrogate) -> tuple[Level, ...]:
     """Return where the posterior is at each degradation rate, specimens' deviations included."""
     assert model.actuator is not None
@@ -212,18 +220,19 @@ def posterior_shift(
     study: Study | None = None,
     mesh: Resolution = CONVERGED,
     executor: Executor | None = None,
+    located_by: Surrogate | None = None,
 ) -> tuple[float, dict[str, object]]:
     """Return the largest shift of a posterior mean and what was done.
 
     Of the gelatin study, unless another is given, in which ``CAUSE`` is at work and whose
-    emulator stands for ``mesh``.
+    emulator stands for ``mesh``. Exact curves lie about the posterior by ``located_by``, by default
+    that of the emulator: several emulators of an actuator are then judged by the same curves.
     """
     study = study or read_study(STUDY)
     draws = sampled(study, emulator, seed)
     model, names = draws.model, draws.names
     say(f"{len(draws.vectors)} draws, effective number {draws.effective:.0f}")
-    equal = np.random.default_rng(4).choice(len(draws.weights), 2000, p=draws.weights)
-    levels = levels_of(model, model.table.named(draws.vectors[equal]), emulator)
+    levels = _levels(draws if located_by is None else sampled(study, located_by, seed))
     gaps, seconds = exact_gaps(
         levels,
         emulator,

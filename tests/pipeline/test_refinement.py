@@ -49,7 +49,7 @@ def posteriors(study):
 
 def test_the_shift_is_that_of_weighted_least_squares(posteriors):
     (trial, *_), plain, other = posteriors.trials, emulator(), higher(emulator(), 1e-3)
-    linear, names = trial.linear, trial.subject.table.names
+    linear = trial.linear
     first, second = (
         trial.subject.with_world(forward=one).expected(trial.mode[None])[0]
         for one in (plain, other)
