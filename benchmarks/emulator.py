@@ -19,9 +19,9 @@ details               circumstances of each
     uv run python benchmarks/emulator.py --json
 
 It takes about half an hour on one core; held-out and exact curves stay in the store, so that a
-second run takes some minutes. An emulator that ``run --refine`` made is given by ``--emulator``, and
-judged by the same exact curves as the package's own. ``--only`` measures some parts, ``--ablation`` trains on less:
-without derivatives, without the coarse mesh, on fewer runs.
+second run takes some minutes. An emulator that ``run --refine`` made is given by ``--emulator``,
+and judged by the same exact curves as the package's own. ``--only`` measures some parts,
+``--ablation`` trains on less: without derivatives, without the coarse mesh, on fewer runs.
 """
 
 import os
