@@ -1,9 +1,10 @@
 """Exact curves about a posterior, and the emulator corrected by them.
 
 At each degradation rate some exact curves with their exact derivatives are solved, at materials
-spread over the posterior; the logarithms of exact over emulated curvature and bend angle are fitted
-to values and derivatives, those by the load included, since a path stops at four loads where it is
-short: Chebyshev polynomials in the load, linear in softening, stiffening, paper and its thickness.
+spread over the posterior, and one in its middle at many loads; the logarithms of exact over
+emulated curvature and bend angle are fitted to values and derivatives, those by the load included,
+since a path stops at four loads where it is short: Chebyshev polynomials in the load, linear in
+softening, stiffening, paper and its thickness.
 """
 
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from emulator_held_out import inputs_of
+from emulator_held_out import inputs_of, path_of
 from forward_case import say
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
@@ -31,7 +32,8 @@ Floats = NDArray[np.float64]
 
 COORDINATES = (*(group.name for group in MATERIAL), "paper_thickness")
 AXES = [NAMES.index(name) for name in COORDINATES]
-LOADS, DEGREE = 14, 4
+LOADS, DEGREE = 14, 8
+CROWDED = 1.5  # power by which loads are the denser the smaller they are: an offset is read there
 SPREAD = 1.0  # of the exact curves' materials over that of the posterior
 DIFFERENCE = 1e-3  # of central differences, in the posterior's spread
 RIDGE = 1e-3
@@ -190,6 +192,10 @@ def exact_gaps(
         for level in levels
         for point in level.mean + normals @ level.factor.T
     ]
+    # paths stop where they like; along the load the curve in the middle is read where it matters
+    runs += [
+        Run(geometry, mesh, _curve(level, level.mean, CROWDED), Kind.CURVE) for level in levels
+    ]
     left = len(missing(runs, store))
     say(f"{len(runs) - left} of {len(runs)} exact curves stand in the store")
 
@@ -198,20 +204,22 @@ def exact_gaps(
 
     solved = complete(runs, store, executor=executor, on_run=show)
     gaps: list[list[Gap]] = [[] for _ in levels]
-    for k, (run, samples) in enumerate(zip(runs, solved, strict=True)):
-        assert isinstance(samples, PathSamples)
+    for k, (run, found) in enumerate(zip(runs, solved, strict=True)):
+        is_path = isinstance(found, PathSamples)
+        samples = found if isinstance(found, PathSamples) else path_of(run.curve, found)
         seen = observe(run.curve, samples, span=emulator.span, length=geometry.dimensions.length)
         if seen is not None:
-            gaps[k // count].append(_gap(levels[k // count], seen, run.curve, emulator))
+            at = k // count if is_path else k - len(levels) * count
+            gap = _gap(levels[at], seen, run.curve, emulator, by_material=is_path)
+            gaps[at].append(gap)
     seconds = store.seconds()
     return gaps, sum(seconds[run.key()] for run in runs)
 
 
-def _curve(level: Level, coordinates: Floats) -> Curve:
-    return Curve(
-        tuple((level.load * np.arange(1, LOADS + 1) / LOADS).tolist()),
-        _place(coordinates).material(),
-    )
+def _curve(level: Level, coordinates: Floats, power: float = 1.0) -> Curve:
+    shares = (np.arange(1, LOADS + 1) / LOADS) ** (power - 1.0)
+    loads = level.load * np.arange(1, LOADS + 1) / LOADS * shares
+    return Curve(tuple(loads.tolist()), _place(coordinates).material())
 
 
 def _place(coordinates: Floats) -> Place:
@@ -220,7 +228,9 @@ def _place(coordinates: Floats) -> Place:
     return Place(tuple(at[group.name] for group in GROUPS))
 
 
-def _gap(level: Level, seen: Observed, curve: Curve, emulator: Surrogate) -> Gap:
+def _gap(
+    level: Level, seen: Observed, curve: Curve, emulator: Surrogate, *, by_material: bool
+) -> Gap:
     place = Place.of(curve.material)
     groups = dict(zip((group.name for group in GROUPS), place.values, strict=True))
     here = np.array([groups[name] for name in COORDINATES])
@@ -236,7 +246,7 @@ def _gap(level: Level, seen: Observed, curve: Curve, emulator: Surrogate) -> Gap
     ):
         rows.append(row)
         targets.append(target)
-    for k in range(len(COORDINATES)):
+    for k in range(len(COORDINATES)) if by_material else ():
         # the direction in which only the k-th standardised coordinate changes
         step = DIFFERENCE * level.factor[:, k]
         by = (_emulated(emulator, load, here + step) - _emulated(emulator, load, here - step)) / (
