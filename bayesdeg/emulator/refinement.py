@@ -57,10 +57,10 @@ ONCE = (1, 1, 1, 1, 1, 1, 1, 1, 1)
 REFINING = FitPlan(
     ANGLES,
     True,
-    Family((8, 4, 4, 3), (4, 2, 2, 2), ONCE),
-    Family((8, 4, 4, 3), (4, 2, 2, 2), ONCE),
-    Prior(0.7, 0.6, 0.6, 5e-2),
-    Prior(0.7, 0.6, 0.6, 5e-2),
+    Family((10, 4, 4, 3), (4, 2, 2, 2), ONCE),
+    Family((10, 4, 4, 3), (4, 2, 2, 2), ONCE),
+    Prior(0.8, 0.6, 0.6, 5e-2),
+    Prior(0.8, 0.6, 0.6, 5e-2),
 )
 """Terms of the correction: what is left of a map that was fitted already is wavy, and its waves
 are small."""

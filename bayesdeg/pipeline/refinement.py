@@ -41,7 +41,7 @@ from bayesdeg.pipeline.emulation import Campaign, asked_by, asked_of_model
 Floats = NDArray[np.float64]
 
 DRAWS = 60  # of each posterior
-FIRST, MORE, REFINING_ROUNDS = 12, 6, 3
+FIRST, MORE, REFINING_ROUNDS = 16, 8, 3
 """Fine curves where the posterior lies, those that are added while they are too few, how often."""
 RIVALS = 3  # causes that are fitted, the first of those that screening puts near the best
 COMMON_ERROR = "emulator_error_"  # begins the names of what an emulator's error is by the model
