@@ -160,3 +160,12 @@ def test_curves_along_are_spread_where_draws_differ_most():
     assert shares.tolist() == [0, 1, 2, 3, 4, 5]
     assert curves_along(along, SPAN, 6, seed=1) == curves
     assert curves_along(along, SPAN, 6, seed=2) != curves
+
+
+def test_every_second_curve_ends_earlier_and_each_elsewhere():
+    curves = curves_along(POSTERIOR, SPAN, 16, seed=1)
+    ends = np.array([curve.loads[-1] for curve in curves])
+    assert np.median(ends[1::2]) < 0.8 * np.median(ends[::2])
+    shares = np.sort(ends[1::2])
+    assert len(set(shares.round(6))) == 8
+    assert shares[-1] / shares[0] > 2.0
