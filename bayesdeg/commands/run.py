@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from bayesdeg.commands.training import Manner, emulator_for, refined_emulator
+from bayesdeg.commands.training import Manner, emulator_for, refined_emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -60,9 +60,8 @@ def run(
         forward = None
         if not own:
             manner = Manner(yes=yes, quiet=quiet)
-            forward = emulator_for(checked, emulator, manner=manner, executor=executor)
-            if refine and forward is not None and checked.actuator is not None:
-                forward = refined_emulator(checked, forward, manner=manner, executor=executor)
+            prepared = refined_emulator_for if refine else emulator_for
+            forward = prepared(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
             checkpoints.clear()

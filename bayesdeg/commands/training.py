@@ -229,6 +229,19 @@ def train_where_asked(
     return surrogate
 
 
+def refined_emulator_for(
+    study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
+) -> Surrogate | None:
+    """Return the emulator of a study's geometry, corrected where its posterior lies.
+
+    Parameters and faults are those of `emulator_for` and of `refined_emulator`.
+    """
+    found = emulator_for(study, given, manner=manner, executor=executor)
+    if found is None or study.actuator is None:
+        return found
+    return refined_emulator(study, found, manner=manner, executor=executor)
+
+
 def refined_emulator(
     study: Study, ground: Surrogate, *, manner: Manner, executor: Executor | None
 ) -> Surrogate:
