@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from bayesdeg.commands.training import Manner, emulator_for, refined_emulator_for
+from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -57,11 +57,8 @@ def run(
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        forward = None
-        if not own:
-            manner = Manner(yes=yes, quiet=quiet)
-            prepared = refined_emulator_for if refine else emulator_for
-            forward = prepared(checked, emulator, manner=manner, executor=executor)
+        manner = Manner(yes=yes, quiet=quiet, refine=refine)
+        forward = None if own else emulator_for(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
             checkpoints.clear()

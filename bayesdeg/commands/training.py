@@ -88,16 +88,19 @@ class Manner:
         Whether it goes on without asking.
     quiet : bool
         Whether it says nothing.
+    refine : bool
+        Whether it corrects what there is, or what it trained, where the study's posterior lies.
     """
 
     yes: bool = False
     quiet: bool = False
+    refine: bool = False
 
 
 def emulator_for(
     study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
 ) -> Surrogate | None:
-    """Return the emulator of a study's geometry; train it if there is none yet.
+    """Return the emulator of a study's geometry; train it if there is none yet, and refine it.
 
     Parameters
     ----------
@@ -117,6 +120,16 @@ def emulator_for(
     Stopped
         If the user does not want to wait for the training, or stops it.
     """
+    found = _found_or_trained(study, given, manner=manner, executor=executor)
+    if found is None or study.actuator is None or not manner.refine:
+        return found
+    return refined_emulator(study, found, manner=manner, executor=executor)
+
+
+def _found_or_trained(
+    study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
+) -> Surrogate | None:
+    """Return the emulator of a study's geometry as it is found or trained."""
     asked_beside = outline(study).asked
     uncertain = study.settings.uncertain
     if given is not None:
@@ -227,19 +240,6 @@ def train_where_asked(
         design = design.further(found.asked, added)
     _keep(campaign, _kept_for(geometry, first), surrogate, manner)
     return surrogate
-
-
-def refined_emulator_for(
-    study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
-) -> Surrogate | None:
-    """Return the emulator of a study's geometry, corrected where its posterior lies.
-
-    Parameters and faults are those of `emulator_for` and of `refined_emulator`.
-    """
-    found = emulator_for(study, given, manner=manner, executor=executor)
-    if found is None or study.actuator is None:
-        return found
-    return refined_emulator(study, found, manner=manner, executor=executor)
 
 
 def refined_emulator(

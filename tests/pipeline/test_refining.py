@@ -10,7 +10,7 @@ from bayesdeg.commands import training
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.refinement import Refinement
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import is_refined
+from bayesdeg.emulator.trained import is_refined, write_trained
 from bayesdeg.pipeline import refinement
 from bayesdeg.pipeline.emulation import Campaign
 from bayesdeg.pipeline.refinement import (
@@ -26,7 +26,7 @@ from bayesdeg.pipeline.run_record import emulator_facts
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, TABLE, emulator
 
-MANNER = training.Manner(yes=True, quiet=True)
+MANNER = training.Manner(yes=True, quiet=True, refine=True)
 
 
 def higher(surrogate, relative):
@@ -117,8 +117,11 @@ def test_refining_is_resumed_and_ends_with_the_same_bits(study, tmp_path, monkey
     monkeypatch.setattr(training, "LOCAL", recipe)
     monkeypatch.setattr(refinement, "TARGET_SHIFT", np.inf)  # the first round is enough
 
+    given = tmp_path / "given.npz"
+    write_trained(given, emulator())
+
     def work():
-        return training.refined_emulator(study, emulator(), manner=MANNER, executor=None)
+        return training.emulator_for(study, given, manner=MANNER, executor=None)
 
     first = work()
     (kept,) = tmp_path.glob(".cache/emulators/*.npz")
