@@ -33,6 +33,7 @@ Floats = NDArray[np.float64]
 COORDINATES = (*(group.name for group in MATERIAL), "paper_thickness")
 AXES = [NAMES.index(name) for name in COORDINATES]
 LOADS, DEGREE = 14, 10
+LINEAR = 3  # degree of what is linear in the material: known where paths stop alone
 CROWDED = 1.5  # power by which loads are the denser the smaller they are: an offset is read there
 SPREAD = 1.0  # of the exact curves' materials over that of the posterior
 DIFFERENCE = 1e-3  # of central differences, in the posterior's spread
@@ -70,11 +71,13 @@ class Level:
         terms = chebyshev.chebvander(u, DEGREE)
         slopes = chebyshev.chebval(u, chebyshev.chebder(np.eye(DEGREE + 1)))
         slopes = (u + 1.0)[..., None] * np.moveaxis(slopes, 0, -1)
-        linear = np.concatenate(
-            [np.ones((*coordinates.shape[:-1], 1)), self.standardised(coordinates)], axis=-1
+        linear = self.standardised(coordinates)[..., None, :]
+        values, changes = (
+            np.concatenate(
+                [part, (part[..., : LINEAR + 1, None] * linear).reshape(*part.shape[:-1], -1)], -1
+            )
+            for part in (terms, slopes)
         )
-        products = [(part[..., :, None] * linear[..., None, :]) for part in (terms, slopes)]
-        values, changes = (p.reshape(*p.shape[:-2], -1) for p in products)
         return values, changes
 
 

@@ -57,8 +57,8 @@ ONCE = (1, 1, 1, 1, 1, 1, 1, 1, 1)
 REFINING = FitPlan(
     ANGLES,
     True,
-    Family((10, 4, 4, 3), (4, 2, 2, 2), ONCE),
-    Family((10, 4, 4, 3), (4, 2, 2, 2), ONCE),
+    Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE),
+    Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE),
     Prior(0.8, 0.6, 0.6, 5e-2),
     Prior(0.8, 0.6, 0.6, 5e-2),
 )

@@ -3,7 +3,7 @@
 The posterior is that of the base model and of those of its causes that readings speak for. There
 curves of the emulator's own mesh are solved and correct it (`bayesdeg.emulator.refinement`). What
 the correction would be without one of its curves says how far it is still off, and what that does
-to means of the posterior follows from the model linearised at its mode.
+to means of the posterior follows from the change of its log density.
 """
 
 import json
@@ -41,6 +41,7 @@ from bayesdeg.pipeline.emulation import Campaign, asked_by, asked_of_model
 Floats = NDArray[np.float64]
 
 DRAWS = 60  # of each posterior
+WEIGHED = 1000  # draws by which shifts are known to 3 % of the spread of the change
 FIRST, MORE, REFINING_ROUNDS = 16, 8, 3
 """Fine curves where the posterior lies, those that are added while they are too few, how often."""
 RIVALS = 3  # causes that are fitted, the first of those that screening puts near the best
@@ -108,27 +109,36 @@ def posteriors_of(study: Study, surrogate: Surrogate, seed: int) -> Posteriors:
         return Posteriors(kept, AskedInputs.joined(asked), whole)
 
 
-def shifts_of(trial: Trial, one: Surrogate, other: Surrogate) -> Floats:
+def shifts_of(trial: Trial, vectors: Floats, one: Surrogate, other: Surrogate) -> Floats:
     r"""Return by how much means of a posterior move from one map to another [sd], (n_parameters,).
 
-    In the model linearised at its mode (`bayesdeg.criticism.fit.linear`), with Λ⁻¹ the covariance
-    of the parameters given all but the readings, Σ that of readings, X their derivatives,
+    Where the change of the log density is small against 1, what weighting by its exponential does
+    to a mean is the covariance with it,
 
-    .. math:: \Delta\theta = -\Lambda^{-1} X^T \Sigma^{-1} (f_2 - f_1), \qquad
-        C = \Lambda^{-1} - \Lambda^{-1} X^T \Sigma^{-1} X \Lambda^{-1}.
+    .. math:: \Delta\theta = \operatorname{cov}(\theta, \ln p_2 - \ln p_1)
+
+    That holds of parameters that readings hardly tell too. These move most, and not by what the
+    maps differ by but by how the difference changes with them.
+
+    Parameters
+    ----------
+    trial : Trial
+        The posterior.
+    vectors : array, shape (n, n_parameters)
+        Draws from it, on the unconstrained scale.
+    one, other : Surrogate
+        The maps.
     """
-    linear, subject = trial.linear, trial.subject
-    first, second = (
-        subject.with_world(forward=m).expected(trial.mode[None])[0] for m in (one, other)
-    )
-    change = np.where(np.isfinite(second - first), second - first, 0.0)
-    pull = trial.uncertain @ linear.jacobian.T
-    law = linear.whitening
-    moved = -pull @ law.adjoint(law.whitened(change))
-    covariance = trial.uncertain - pull @ law.adjoint(law.whitened(pull.T))
-    sd = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    shifts: Floats = moved / sd
+    change = _log_density(trial, vectors, other) - _log_density(trial, vectors, one)
+    known = np.isfinite(change)
+    centred = vectors[known] - vectors[known].mean(axis=0)
+    sd = np.maximum(centred.std(axis=0), np.finfo(float).tiny)
+    shifts: Floats = centred.T @ (change[known] - change[known].mean()) / known.sum() / sd
     return shifts
+
+
+def _log_density(trial: Trial, vectors: Floats, forward: Surrogate) -> Floats:
+    return trial.subject.with_world(forward=forward).log_prob(vectors)
 
 
 @dataclass(frozen=True)
@@ -183,10 +193,11 @@ def error_left(posteriors: Posteriors, ground: Surrogate, refinement: Refinement
     found, count = refinement.surrogate, len(refinement.without)
     worst, moved = (0.0, ""), (0.0, "")
     for trial in posteriors.trials:
-        without = np.array([shifts_of(trial, found, other) for other in refinement.without])
+        at = trial.draws(np.random.default_rng(0), WEIGHED)
+        without = np.array([shifts_of(trial, at, found, other) for other in refinement.without])
         error = np.sqrt((count - 1) / count * np.sum(without**2, axis=0))
         worst = max(worst, _largest(trial, error))
-        moved = max(moved, _largest(trial, np.abs(shifts_of(trial, ground, found))))
+        moved = max(moved, _largest(trial, np.abs(shifts_of(trial, at, ground, found))))
     share = max(_share_of_reading_errors(trial, found) for trial in posteriors.trials)
     return ErrorLeft(count, *worst, *moved, share)
 
