@@ -40,8 +40,7 @@ DIFFERENCE = 1e-3  # of central differences, in the posterior's spread
 RIDGE = 1e-2
 """Squared rounding of paths over what an emulator lacks, 1e-4 over 1e-3. Without it orders between
 the few loads where paths stop swing freely: of the gelatin study, with 1e-6 and without readings in
-between, by 4 %, and a posterior mean then seemed to move by 0.44 sd. Orders of 8, 10 and 12 agree
-within 0.005 sd, those of 4 and 6 are 0.03 and 0.14 sd off."""
+between, by 4 %."""
 
 
 @dataclass(frozen=True)
@@ -175,17 +174,7 @@ def left_out(gaps: Sequence[Gap]) -> Floats:
     return np.vstack(errors)
 
 
-def exact_gaps(
-    levels: Sequence[Level],
-    emulator: Surrogate,
-    store: SolutionStore,
-    *,
-    count: int,
-    geometry: Geometry,
-    mesh: Resolution,
-    executor: Executor | None = None,
-) -> tuple[list[list[Gap]], float]:
-    """Solve the exact curves that the store lacks; return gaps by level, and core seconds."""
+def _runs(levels: Sequence[Level], count: int, geometry: Geometry, mesh: Resolution) -> list[Run]:
     # the first of more curves are those of fewer
     sampler = qmc.Sobol(len(COORDINATES), rng=np.random.default_rng(7))
     unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
@@ -199,6 +188,35 @@ def exact_gaps(
     runs += [
         Run(geometry, mesh, _curve(level, level.mean, CROWDED), Kind.CURVE) for level in levels
     ]
+    return runs
+
+
+def exact_paths(
+    levels: Sequence[Level],
+    store: SolutionStore,
+    *,
+    count: int,
+    geometry: Geometry,
+    mesh: Resolution,
+) -> tuple[list[Curve], list[PathSamples]]:
+    """Return the curves with derivatives by the material that ``exact_gaps`` solved."""
+    found = [(run.curve, store.get(run)) for run in _runs(levels, count, geometry, mesh)]
+    pairs = [(curve, path) for curve, path in found if isinstance(path, PathSamples)]
+    return [curve for curve, _ in pairs], [path for _, path in pairs]
+
+
+def exact_gaps(
+    levels: Sequence[Level],
+    emulator: Surrogate,
+    store: SolutionStore,
+    *,
+    count: int,
+    geometry: Geometry,
+    mesh: Resolution,
+    executor: Executor | None = None,
+) -> tuple[list[list[Gap]], float]:
+    """Solve the exact curves that the store lacks; return gaps by level, and core seconds."""
+    runs = _runs(levels, count, geometry, mesh)
     left = len(missing(runs, store))
     say(f"{len(runs) - left} of {len(runs)} exact curves stand in the store")
 
