@@ -13,7 +13,8 @@ training_core_hours   what they took
 training_seconds      what training on them took
 parallel_efficiency   a campaign with two workers against one, for local processes and for Dask
 posterior_shift       of the gelatin study: largest shift of a posterior mean by exact finite
-                      elements, in posterior standard deviations
+                      elements, in posterior standard deviations; its details hold the shift by
+                      one smooth exact map over all rates, with its standard error
 details               circumstances of each
 
     uv run python benchmarks/emulator.py --json
