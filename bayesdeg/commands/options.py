@@ -49,6 +49,12 @@ OtherEmulator = Annotated[
         help="An emulator made by 'emulate', instead of those found by themselves.", metavar="FILE"
     ),
 ]
+Refine = Annotated[
+    bool,
+    typer.Option(
+        "--refine", help="Correct the emulator by fine curves where the posterior lies, first."
+    ),
+]
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Calibrate again, resume nothing; emulators are kept.")
 ]

@@ -36,6 +36,7 @@ def run(
     workers: int,
     scheduler: str | None,
     emulator: Path | None,
+    refine: bool,
     fresh: bool,
     yes: bool,
     as_json: bool,
@@ -56,10 +57,8 @@ def run(
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        forward = None
-        if not own:
-            manner = Manner(yes=yes, quiet=quiet)
-            forward = emulator_for(checked, emulator, manner=manner, executor=executor)
+        manner = Manner(yes=yes, quiet=quiet, refine=refine)
+        forward = None if own else emulator_for(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
             checkpoints.clear()

@@ -3,8 +3,10 @@
 import csv
 import sys
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 import typer
@@ -41,6 +43,7 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import (
     covering,
     find,
+    is_refined,
     lacking,
     read_trained,
     refuse_lacking,
@@ -55,9 +58,19 @@ from bayesdeg.pipeline.emulation import (
     asked_of,
     endings,
     expect,
+    solve_campaign,
     train_emulator,
 )
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.refinement import (
+    REFINING_ROUNDS,
+    TARGET_SHIFT,
+    ErrorLeft,
+    posteriors_of,
+    refined_by,
+    refining_campaign,
+)
 from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.wording import fixed, percent, words
 
@@ -75,16 +88,19 @@ class Manner:
         Whether it goes on without asking.
     quiet : bool
         Whether it says nothing.
+    refine : bool
+        Whether it corrects what there is, or what it trained, where the study's posterior lies.
     """
 
     yes: bool = False
     quiet: bool = False
+    refine: bool = False
 
 
 def emulator_for(
     study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
 ) -> Surrogate | None:
-    """Return the emulator of a study's geometry; train it if there is none yet.
+    """Return the emulator of a study's geometry; train it if there is none yet, and refine it.
 
     Parameters
     ----------
@@ -104,6 +120,16 @@ def emulator_for(
     Stopped
         If the user does not want to wait for the training, or stops it.
     """
+    found = _found_or_trained(study, given, manner=manner, executor=executor)
+    if found is None or study.actuator is None or not manner.refine:
+        return found
+    return refined_emulator(study, found, manner=manner, executor=executor)
+
+
+def _found_or_trained(
+    study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
+) -> Surrogate | None:
+    """Return the emulator of a study's geometry as it is found or trained."""
     asked_beside = outline(study).asked
     uncertain = study.settings.uncertain
     if given is not None:
@@ -149,7 +175,7 @@ def _known(
     own = _kept_for(geometry, first)
     for path, surrogate in covering(geometry, wanted, CACHE):
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
-        if surrogate.units != first.units or wanting:
+        if surrogate.units != first.units or wanting or is_refined(surrogate.record):
             continue
         if path == own or _is_good(_asked_after(study, surrogate, manner), first):
             return surrogate
@@ -216,6 +242,62 @@ def train_where_asked(
     return surrogate
 
 
+def refined_emulator(
+    study: Study, ground: Surrogate, *, manner: Manner, executor: Executor | None
+) -> Surrogate:
+    """Correct an emulator where a study's posterior lies, until its own error moves nothing there.
+
+    Fine curves are added until the shift of any posterior mean that the error can still cause is
+    small, or for `REFINING_ROUNDS` rounds. What was solved is not solved again.
+
+    Parameters
+    ----------
+    study : Study
+        With readings of actuators.
+    ground : Surrogate
+        Of its geometry.
+    manner : Manner
+        Of training.
+    executor : Executor, optional
+        Where to solve.
+
+    Raises
+    ------
+    Stopped
+        If the user does not want to wait, or stops it.
+    BayesdegError
+        If too few curves say anything.
+    """
+    geometry = geometry_of_study(study.settings)
+    campaign = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), executor)
+    found = ground
+    for number in range(REFINING_ROUNDS):
+        with shown(manner.quiet) as progress:
+            progress.stage("where the posterior lies")
+            posteriors = posteriors_of(study, found, study.settings.seed)
+        campaign = refining_campaign(campaign, posteriors, ground, number)
+        solved = _worked(campaign, manner, solve_campaign)
+        found, left = refined_by(campaign, solved, posteriors, ground)
+        _say_left(left, manner, last=number + 1 == REFINING_ROUNDS)
+        if left.is_small:
+            break
+    key = sha256((campaign.key() + ground.record).encode()).hexdigest()
+    _keep(campaign, CACHE / f"{key[:16]}.npz", found, manner)
+    return found
+
+
+def _say_left(left: ErrorLeft, manner: Manner, *, last: bool) -> None:
+    if manner.quiet:
+        return
+    then = "" if left.is_small or last else "; further curves are solved there"
+    _print(
+        f"{left.curves} curves where the posterior lies moved {left.moved_parameter} by "
+        f"{left.moved_sd:.2g} sd; what the emulator is still off there moves {left.parameter} by "
+        f"{left.shift_sd:.2g} sd (wanted: {TARGET_SHIFT:g}), its error is "
+        f"{100.0 * left.share_of_reading_errors:.2g} % of a reading's{then}"
+    )
+
+
 def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
     """Say how long a campaign takes, complete it, train the emulator and keep it in a file.
 
@@ -237,13 +319,28 @@ def completed(campaign: Campaign, manner: Manner) -> Surrogate:
     Stopped
         If the user does not want to wait, or stops it.
     """
+    return _worked(campaign, manner, train_emulator)
+
+
+def _worked[Result](
+    campaign: Campaign,
+    manner: Manner,
+    work: Callable[[Campaign, Expectation, Progress], Result],
+) -> Result:
+    """Say how long a campaign takes, and do what there is to do with it.
+
+    Raises
+    ------
+    Stopped
+        If the user does not want to wait, or stops it.
+    """
     try:
         with shown(manner.quiet) as progress:
             expectation = expect(campaign, progress)
         if expectation.left:
             _say(expectation, campaign.store.folder, manner)
         with shown(manner.quiet) as progress:
-            return train_emulator(campaign, expectation, progress)
+            return work(campaign, expectation, progress)
     except KeyboardInterrupt as stop:
         raise Stopped(_what_stays(campaign)) from stop
 

@@ -204,7 +204,7 @@ def fit_limit(
             matrix[~out], gaps[~out], bound[~out], bounded[~out]
         )
     best = Terms(orders, (scales * _fit(matrix, gaps, bound, bounded))[None])
-    whole = best if ground is None else _sum(ground, best)
+    whole = best if ground is None else summed(ground, best)
     whole.coefficients[0, 0] += _shift(whole, [r for r in fine if r.load > 0.0 and not r.open])
     errors = _errors(points[~bounded], left_out[~bounded])
     return FittedLimit(stacked([whole, errors]), left_out[~bounded])
@@ -216,7 +216,7 @@ def _at(terms: Terms, points: Floats) -> Floats:
     return values
 
 
-def _sum(*parts: Terms) -> Terms:
+def summed(*parts: Terms) -> Terms:
     """Return the sum of several terms of the same outputs."""
     orders = np.vstack([part.orders for part in parts])
     return stacked([Terms(orders, np.hstack([part.coefficients for part in parts]))])
@@ -442,12 +442,19 @@ def _of_outputs(terms: FitTerms) -> int:
     return sum(max(plan.outputs) < len(OUTPUTS) for plan in terms.plans)
 
 
-def _learned(
+def learned(
     runs: Solved,
     span: TrainingRange,
     length: float,
     steepest: float,
 ) -> dict[Curve, Observed]:
+    """Return what the runs of a mesh say, those that say anything.
+
+    Raises
+    ------
+    BayesdegError
+        If none does.
+    """
     found = _observed(*runs, span=span, length=length, steepest=steepest)
     if not found:
         raise BayesdegError(
@@ -493,10 +500,10 @@ def train(
     units : Units
         In which the span counts load and paper; curves and samples are given in units of 1.
     """
-    coarse, fine = (_counted(*runs, units) for runs in (coarse, fine))
+    coarse, fine = (counted(*runs, units) for runs in (coarse, fine))
     chosen = terms or WHOLE
-    many, few = (_learned(r, span, length, chosen.steepest) for r in (coarse, fine))
-    parts = [_train(many, few, plan, span, _below(ground, plan)) for plan in chosen.plans]
+    many, few = (learned(r, span, length, chosen.steepest) for r in (coarse, fine))
+    parts = [_train(many, few, plan, span, terms_below(ground, plan)) for plan in chosen.plans]
     limit = _limit(coarse, fine, span, chosen, ground)
     met = _material_points(likely(span) if usual is None else [counted_in(c, units) for c in usual])
     errors = [_error_of(part, met, chosen) for part in parts]
@@ -585,7 +592,7 @@ def with_forces(
     many, few = (
         {
             curve: run
-            for curve, solved in zip(*_counted(*runs, units), strict=True)
+            for curve, solved in zip(*counted(*runs, units), strict=True)
             if is_answered(curve, span)
             and (run := observe_force(curve, solved, span=span, length=surrogate.length))
         }
@@ -603,7 +610,7 @@ def with_forces(
     return replace(surrogate, further=answers, record=json.dumps(record, indent=1))
 
 
-def _counted(
+def counted(
     curves: Sequence[Curve], samples: Sequence[PathSamples], units: Units
 ) -> tuple[list[Curve], list[PathSamples]]:
     """Return curves and what was solved of them with load and paper in other units."""
@@ -659,7 +666,7 @@ def _material_points(curves: Sequence[Curve]) -> Floats:
     return coordinates(np.column_stack([np.zeros(len(places)), places])).points
 
 
-def _below(ground: Surrogate | None, plan: FitPlan) -> tuple[Terms, ...]:
+def terms_below(ground: Surrogate | None, plan: FitPlan) -> tuple[Terms, ...]:
     """Return the terms of an emulator for the outputs of a plan; none without one."""
     if ground is None:
         return ()
@@ -681,13 +688,13 @@ def _train(
     """Fit by how much the coarse mesh departs from what is below it, and the fine one from both."""
 
     def coarse(run: Observed) -> Equations:
-        return _gap(run, plan.family, below, plan, span)
+        return gap_of(run, plan.family, below, plan, span)
 
     base = fit(
         map(coarse, many.values()), plan.family.orders, plan.prior, outputs=len(plan.outputs)
     )
     under = (*below, Terms(base.orders, base.coefficients))
-    gaps = {curve: _gap(run, plan.correction, under, plan, span) for curve, run in few.items()}
+    gaps = {curve: gap_of(run, plan.correction, under, plan, span) for curve, run in few.items()}
     shift = fit(
         gaps.values(), plan.correction.orders, plan.correction_prior, outputs=len(plan.outputs)
     )
@@ -700,7 +707,7 @@ def _train(
         worst.append(np.max(np.abs(error), axis=0))
         points.append(run.coordinates.points)
         left_out.append(error / run.weights[:, None])
-    terms = _sum(*under, Terms(shift.orders, shift.coefficients))
+    terms = summed(*under, Terms(shift.orders, shift.coefficients))
     return Trained(terms, np.vstack(points), np.vstack(left_out), np.array(worst))
 
 
@@ -708,7 +715,7 @@ def _rows(run: Observed, orders: Indices, plan: FitPlan, span: TrainingRange) ->
     return rows_of(run, orders, outputs=list(plan.outputs), span=span, derivatives=plan.derivatives)
 
 
-def _gap(
+def gap_of(
     run: Observed,
     family: Family,
     below: Sequence[Terms],
@@ -1123,14 +1130,18 @@ def _place_of(geometry: Moulded, design: LocalDesign | None) -> "_Place":
     """Return where and with which terms an emulator is trained."""
     if design is None:
         return {"span": TrainingRange()}
-    alike = has_ground(geometry)
     place: _Place = {"span": design.span, "usual": design.usual, "units": design.units}
-    alone = OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
-    if not alike:
-        place["terms"] = alone
-        return place
-    place["terms"], place["ground"] = NEAR, default_surrogate()
+    place["terms"] = local_terms(geometry)
+    if has_ground(geometry):
+        place["ground"] = default_surrogate()
     return place
+
+
+def local_terms(geometry: Moulded) -> FitTerms:
+    """Return the terms with which an emulator of an actuator is fitted where one study lies."""
+    if has_ground(geometry):
+        return NEAR
+    return OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
 
 
 def _with_departure(
@@ -1177,7 +1188,7 @@ def _pairs(
         still = Run(geometry, run.resolution, with_layer(geometry, one.curve), Kind.SAMPLES, held)
         if run not in solved or still not in solved:
             continue
-        curves, samples = _counted(
+        curves, samples = counted(
             [still.curve, run.curve], [solved[still], solved[run]], design.units
         )
         first, second = zip(curves, samples, strict=True)

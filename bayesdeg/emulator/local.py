@@ -345,6 +345,43 @@ def curves_of(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int)
     return [_curve(place, load) for place, load in zip(places, loads, strict=True)]
 
 
+def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
+    """Return curves at draws that are spread evenly along the direction in which draws differ most.
+
+    That is where degradation leads. Along it draws are parted into as many shares of equal number
+    as there are curves, and one is chosen of each. Every second curve ends earlier, at a share of
+    its load that differs from curve to curve: a path stops at few loads, which are much the same
+    ones from one curve to the next but for its last, and between them an emulator's error is wavy.
+
+    Parameters
+    ----------
+    asked : AskedInputs
+        Draws.
+    span : TrainingRange
+        Of the emulator; draws outside are put on its ends.
+    count : int
+        Number of curves.
+    seed : int
+        Of the choice.
+    """
+    groups, generator = asked.groups, np.random.default_rng(seed)
+    width = groups.std(axis=0)
+    moved = (groups - groups.mean(axis=0)) / np.where(width > 0.0, width, 1.0)
+    _, vectors = np.linalg.eigh(moved.T @ moved)
+    order = np.argsort(moved @ vectors[:, -1], kind="stable")
+    chosen = np.array([generator.choice(part) for part in np.array_split(order, count)])
+    places, loads = _inside(AskedInputs(groups[chosen], asked.load[chosen]), span)
+    # shares by the golden ratio leave no gap, however many there are
+    begun, number = generator.uniform(), np.arange(count)
+    short = SHORTEST + (1.0 - SHORTEST) * ((begun + GOLDEN * number) % 1.0)
+    loads = loads * np.where(number % 2 == 0, 1.0, short)
+    return [_curve(place, load) for place, load in zip(places, loads, strict=True)]
+
+
+SHORTEST = 0.06  # share of the largest load: below it curves are as their slope at rest says
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
 def _inside(asked: AskedInputs, span: TrainingRange) -> tuple[Floats, Floats]:
     """Return the draws put into the range where they lie outside, and the loads to solve up to."""
     width = span.upper - span.lower

@@ -5,6 +5,7 @@ They are read and written here; where they are kept, and what their records say,
 """
 
 import io
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
@@ -172,6 +173,17 @@ def covering(
             continue
         if covers(surrogate.span, wanted):
             yield path, surrogate
+
+
+def is_refined(record: str) -> bool:
+    """Return whether an emulator was corrected where one posterior lies, which a run asks for.
+
+    Examples
+    --------
+    >>> is_refined(default_surrogate().record)
+    False
+    """
+    return "refinement" in json.loads(record)
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:

@@ -25,7 +25,7 @@ from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.status import Resolution, Status
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.campaign import Finished, build, missing, runs
+from bayesdeg.emulator.campaign import Finished, Solution, build, complete, missing, runs
 from bayesdeg.emulator.coordinates import Batch
 from bayesdeg.emulator.kept import Recipe, duration
 from bayesdeg.emulator.local import AskedInputs, LocalDesign, layer_units
@@ -251,11 +251,6 @@ class Meter:
 
 def train_emulator(campaign: Campaign, expectation: Expectation, progress: Progress) -> Surrogate:
     """Solve what is left of a campaign and train the emulator, showing how far it is."""
-    if expectation.left:
-        on_run = Meter(expectation, progress)
-    else:
-        progress.stage("training on the curves")
-        on_run = None
     return build(
         campaign.geometry,
         campaign.store,
@@ -263,8 +258,30 @@ def train_emulator(campaign: Campaign, expectation: Expectation, progress: Progr
         design=campaign.design,
         executor=campaign.executor,
         timeout=campaign.timeout,
-        on_run=on_run,
+        on_run=_meter(expectation, progress),
     )
+
+
+def solve_campaign(
+    campaign: Campaign, expectation: Expectation, progress: Progress
+) -> list[tuple[Run, Solution]]:
+    """Solve what is left of a campaign, showing how far it is; return all that was solved."""
+    solved = complete(
+        campaign.runs,
+        campaign.store,
+        executor=campaign.executor,
+        timeout=campaign.timeout,
+        on_run=_meter(expectation, progress),
+    )
+    return list(zip(campaign.runs, solved, strict=True))
+
+
+def _meter(expectation: Expectation, progress: Progress) -> Meter | None:
+    """Return what shows how far a campaign is; None if nothing is left of it."""
+    if expectation.left:
+        return Meter(expectation, progress)
+    progress.stage("training on the curves")
+    return None
 
 
 def endings(campaign: Campaign) -> list[tuple[Run, Status]]:
@@ -293,7 +310,7 @@ def asked_of(study: Study, seed: int) -> AskedInputs:
     rest = model.without_kinds(*(one.name for one in model.observations if one.uses_forward))
     known = base_without_chain(rest, sequence).posterior.resample(generator, DRAWS)
     units = layer_units(geometry_of_study(study.settings))
-    return _asked(assembly, known, generator, units)
+    return asked_by(assembly, known, generator, units)
 
 
 @dataclass(frozen=True)
@@ -343,7 +360,7 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
         posterior = base_without_chain(model, sequence).posterior
         known = posterior.resample(generator, DRAWS)
         units = layer_units(geometry_of_study(study.settings))
-        asked = _asked(assembly, known, generator, units)
+        asked = asked_by(assembly, known, generator, units)
         outside = _outside(model, surrogate, known)
         refused = share_outside(model, known)
         return AskedAfterwards(
@@ -393,7 +410,7 @@ def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
     yield from pairwise(causes)
 
 
-def _asked(
+def asked_by(
     assembly: Assembly, known: Floats, generator: np.random.Generator, units: Units
 ) -> AskedInputs:
     """Return what all sets of causes ask, at draws of the base model and causes from priors."""
@@ -401,14 +418,27 @@ def _asked(
         [
             part
             for causes in _sets(assembly.candidates)
-            for part in _of_model(assembly.model.extended(*causes), known, generator, units)
+            for part in asked_of_model(assembly.model.extended(*causes), known, generator, units)
         ]
     )
 
 
-def _of_model(
+def asked_of_model(
     model: JointModel, known: Floats, generator: np.random.Generator, units: Units
 ) -> Iterator[AskedInputs]:
+    """Yield what each of a model's kinds of actuator readings asks at draws.
+
+    Parameters
+    ----------
+    model : JointModel
+        With its causes.
+    known : array, shape (n, n_known)
+        Draws of its first parameters; the others are drawn from their priors.
+    generator : Generator
+        Draws them, and the specimens' deviations of stiffness.
+    units : Units
+        Those of the actuator's layer.
+    """
     vectors = model.table.sample(generator, len(known))
     vectors[:, : known.shape[1]] = known  # those of the causes come last
     with np.errstate(all="ignore"):

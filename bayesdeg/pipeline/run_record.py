@@ -4,7 +4,7 @@ import json
 import multiprocessing
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -374,7 +374,7 @@ def emulator_facts(record: str) -> EmulatorEntry:
         JSON. Every key may be missing: ``design``, ``model_version``, ``coarse_curves``,
         ``fine_curves``, ``curves_cut_short``, ``mesh_error_pct``, and ``accuracy``, which maps a
         quantity to ``rms_pct``, ``p95_pct``, ``max_pct`` [%] and ``coverage_90`` [–] on curves
-        that were not trained on.
+        that were not trained on; ``refinement``, see `bayesdeg.pipeline.refinement.ErrorLeft`.
 
     Examples
     --------
@@ -395,11 +395,12 @@ def emulator_facts(record: str) -> EmulatorEntry:
     facts = EmulatorEntry.read({name: trained.get(name) for name in FACTS} | {"accuracy": entries})
     rms = by_quantity.get("curvature", {}).get("rms_pct")
     error = None if rms is None else float(np.hypot(rms, facts.mesh_error_pct or 0.0))
-    return facts.model_copy(update={"error_pct": error, "record": _sentence(facts, rms)})
+    return facts.model_copy(update={"error_pct": error, "record": _sentence(facts, rms, trained)})
 
 
-def _sentence(facts: EmulatorEntry, rms: float | None) -> str:
-    return sentences("run", "trained", facts=facts, rms=rms)
+def _sentence(facts: EmulatorEntry, rms: float | None, trained: Mapping[str, object]) -> str:
+    refined = trained.get("refinement")
+    return sentences("run", "trained", facts=facts, rms=rms, refined=refined)
 
 
 def outside_words(share: float) -> str:

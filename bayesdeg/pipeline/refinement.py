@@ -1,0 +1,277 @@
+"""How far an emulator's own error can move a posterior, and curves that make that small.
+
+The posterior is that of the base model and of those of its causes that readings speak for. There
+curves of the emulator's own mesh are solved and correct it (`bayesdeg.emulator.refinement`). What
+the correction would be without one of its curves says how far it is still off, and what that does
+to means of the posterior follows from the change of its log density.
+"""
+
+import json
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from bayesdeg.actuator.curve import PathSamples
+from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.status import Resolution
+from bayesdeg.criticism.fit.screening import screen
+from bayesdeg.criticism.fit.search import LEAST_FACTOR, near
+from bayesdeg.criticism.fit.trials import Trial, try_causes
+from bayesdeg.data.study import Study
+from bayesdeg.emulator.campaign import local_terms
+from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.local import (
+    AskedInputs,
+    LocalDesign,
+    counted_in,
+    curves_along,
+    layer_units,
+)
+from bayesdeg.emulator.refinement import Refinement, refine
+from bayesdeg.emulator.scaling import Units
+from bayesdeg.emulator.solutions import Run, Solution
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.observations.curvature import Curvature, inputs_met
+from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.calibrate import base_without_chain
+from bayesdeg.pipeline.emulation import Campaign, asked_by, asked_of_model
+
+Floats = NDArray[np.float64]
+
+DRAWS = 60  # of each posterior
+WEIGHED = 1000  # draws by which shifts are known to 3 % of the spread of the change
+FIRST, MORE, REFINING_ROUNDS = 16, 8, 3
+"""Fine curves where the posterior lies, those that are added while they are too few, how often."""
+RIVALS = 3  # causes that are fitted, the first of those that screening puts near the best
+COMMON_ERROR = "emulator_error_"  # begins the names of what an emulator's error is by the model
+TARGET_SHIFT = 0.1
+"""Shift of a posterior mean that is small [sd]: an interval that should be as much wider is so by
+half a percent, and 400 effective draws leave 0.05 of Monte Carlo error."""
+
+
+@dataclass(frozen=True)
+class Posteriors:
+    """Where a study's posterior lies, by an emulator.
+
+    Parameters
+    ----------
+    trials : tuple of Trial
+        The likeliest model and those within odds of 20 of it: without a cause, or with one.
+    asked : AskedInputs
+        Draws of what they ask.
+    whole : AskedInputs
+        Draws of what any set of causes asks, with causes from their priors.
+    """
+
+    trials: tuple[Trial, ...]
+    asked: AskedInputs
+    whole: AskedInputs
+
+
+def posteriors_of(study: Study, surrogate: Surrogate, seed: int) -> Posteriors:
+    """Fit a study's base model, and that with each cause which its readings speak for.
+
+    Parameters
+    ----------
+    study : Study
+        With readings of actuators.
+    surrogate : Surrogate
+        Of its geometry.
+    seed : int
+        Of the draws.
+    """
+    assembly, sequence = assemble(study, surrogate), np.random.SeedSequence(seed)
+    units = layer_units(geometry_of_study(study.settings))
+    # sums of several threads depend on their number
+    with threadpool_limits(1):
+        base = base_without_chain(assembly.model, sequence)
+        generator = np.random.default_rng(sequence)
+        judged = [cause for cause in assembly.candidates if not cause.is_of_rupture_alone]
+        screened = {cause.name: screen(base.linear, cause) for cause in judged}
+        leading = near(screened, 0.0)[:RIVALS]
+        trials = [base] + [
+            try_causes(base, screened[name].cause, screened[name].size, generator)
+            for name in leading
+        ]
+        best = max(trial.log_evidence for trial in trials)
+        kept = tuple(t for t in trials if t.log_evidence >= best - LEAST_FACTOR)
+        asked = [
+            part
+            for trial in kept
+            for part in asked_of_model(
+                trial.subject, trial.draws(generator, DRAWS), generator, units
+            )
+        ]
+        known = base.draws(generator, DRAWS)
+        whole = asked_by(assembly, known, generator, units)
+        return Posteriors(kept, AskedInputs.joined(asked), whole)
+
+
+def shifts_of(trial: Trial, vectors: Floats, one: Surrogate, other: Surrogate) -> Floats:
+    r"""Return by how much means of a posterior move from one map to another [sd], (n_parameters,).
+
+    Where the change of the log density is small against 1, what weighting by its exponential does
+    to a mean is the covariance with it,
+
+    .. math:: \Delta\theta = \operatorname{cov}(\theta, \ln p_2 - \ln p_1)
+
+    That holds of parameters that readings hardly tell too. These move most, and not by what the
+    maps differ by but by how the difference changes with them.
+
+    Parameters
+    ----------
+    trial : Trial
+        The posterior.
+    vectors : array, shape (n, n_parameters)
+        Draws from it, on the unconstrained scale.
+    one, other : Surrogate
+        The maps.
+    """
+    change = _log_density(trial, vectors, other) - _log_density(trial, vectors, one)
+    known = np.isfinite(change)
+    centred = vectors[known] - vectors[known].mean(axis=0)
+    sd = np.maximum(centred.std(axis=0), np.finfo(float).tiny)
+    shifts: Floats = centred.T @ (change[known] - change[known].mean()) / known.sum() / sd
+    return shifts
+
+
+def _log_density(trial: Trial, vectors: Floats, forward: Surrogate) -> Floats:
+    return trial.subject.with_world(forward=forward).log_prob(vectors)
+
+
+@dataclass(frozen=True)
+class ErrorLeft:
+    """What an emulator's own error can still do to a posterior; the mesh's error is apart.
+
+    Parameters
+    ----------
+    curves : int
+        Fine curves where the posterior lies, by which it was refined.
+    shift_sd : float
+        Standard error of the posterior mean of the parameter that is moved most, over its
+        standard deviation [–].
+    parameter : str
+        Which that is.
+    moved_sd : float
+        By how much the refinement itself moved that posterior mean most, of any parameter [sd].
+    moved_parameter : str
+        Of which.
+    share_of_reading_errors : float
+        rms of the emulator's standard error over that of a reading [–].
+    """
+
+    curves: int
+    shift_sd: float
+    parameter: str
+    moved_sd: float
+    moved_parameter: str
+    share_of_reading_errors: float
+
+    @property
+    def is_small(self) -> bool:
+        """Whether further curves would change nothing that matters."""
+        return self.shift_sd <= TARGET_SHIFT
+
+
+def error_left(posteriors: Posteriors, ground: Surrogate, refinement: Refinement) -> ErrorLeft:
+    r"""Return what the error of a refined emulator can still do to a posterior.
+
+    The standard error of a shift is that of the jackknife over the n curves,
+    :math:`s^2 = \frac{n - 1}{n} \sum_k \Delta_k^2`, with Δ the shift without one of them.
+
+    Parameters
+    ----------
+    posteriors : Posteriors
+        The worst of them counts.
+    ground : Surrogate
+        What was refined.
+    refinement : Refinement
+        Of it.
+    """
+    found, count = refinement.surrogate, len(refinement.without)
+    worst, moved = (0.0, ""), (0.0, "")
+    for trial in posteriors.trials:
+        at = trial.draws(np.random.default_rng(0), WEIGHED)
+        without = np.array([shifts_of(trial, at, found, other) for other in refinement.without])
+        error = np.sqrt((count - 1) / count * np.sum(without**2, axis=0))
+        worst = max(worst, _largest(trial, error))
+        moved = max(moved, _largest(trial, np.abs(shifts_of(trial, at, ground, found))))
+    share = max(_share_of_reading_errors(trial, found) for trial in posteriors.trials)
+    return ErrorLeft(count, *worst, *moved, share)
+
+
+def _largest(trial: Trial, sizes: Floats) -> tuple[float, str]:
+    """Return the largest of the parameters but those of the emulator's own error, and which."""
+    names = trial.subject.table.names
+    kept = [k for k, name in enumerate(names) if not name.startswith(COMMON_ERROR)]
+    return max((float(sizes[k]), names[k]) for k in kept)
+
+
+def _share_of_reading_errors(trial: Trial, surrogate: Surrogate) -> float:
+    """Return rms of the standard error of interpolation over that of readings, at a mode."""
+    model = trial.subject
+    state = model.tests(model.table.named(trial.mode[None]))
+    exact = surrogate.without_mesh_error()
+    shares = []
+    for one in model.of_kind(Curvature):
+        inputs = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+        sd = exact.continued(inputs).sd
+        variance = one.predicted(state).variance[..., : sd.shape[-1]]
+        shares.append((sd**2 / variance)[0][one.curves.mask])
+    return float(np.sqrt(np.nanmean(np.concatenate(shares))))
+
+
+def refining_campaign(
+    base: Campaign, posteriors: Posteriors, ground: Surrogate, number: int
+) -> Campaign:
+    """Return a campaign with fine curves added where a posterior lies.
+
+    Parameters
+    ----------
+    base : Campaign
+        That of the round before; its design is none in the first.
+    posteriors : Posteriors
+        Of the study.
+    ground : Surrogate
+        What is refined: its mesh is that of the curves, if its record says which that is.
+    number : int
+        Of the round, which chooses among the draws.
+    """
+    known = () if base.design is None else base.design.fine
+    counted = posteriors.asked.in_units(ground.units)
+    back = Units(1.0 / ground.units.load, 1.0 / ground.units.paper)
+    chosen = curves_along(counted, ground.span, MORE if known else FIRST, seed=number)
+    curves = (*known, *(counted_in(curve, back) for curve in chosen))
+    design = LocalDesign(ground.span, (), curves, curves, ground.units)
+    return replace(base, recipe=_on_mesh_of(ground, base.recipe), design=design)
+
+
+def _on_mesh_of(ground: Surrogate, recipe: Recipe) -> Recipe:
+    mesh = json.loads(ground.record).get("fine_mesh_mm")
+    return recipe if mesh is None else replace(recipe, fine_mesh=Resolution(**mesh))
+
+
+def refined_by(
+    campaign: Campaign,
+    solved: list[tuple[Run, Solution]],
+    posteriors: Posteriors,
+    ground: Surrogate,
+) -> tuple[Surrogate, ErrorLeft]:
+    """Return an emulator refined by what was solved, and what its error can still do.
+
+    Raises
+    ------
+    BayesdegError
+        If too few curves say anything.
+    """
+    paths = [(run.curve, found) for run, found in solved if isinstance(found, PathSamples)]
+    curves, samples = [curve for curve, _ in paths], [found for _, found in paths]
+    steepest = local_terms(campaign.geometry).steepest
+    refinement = refine(ground, curves, samples, posteriors.whole, steepest)
+    with threadpool_limits(1):
+        left = error_left(posteriors, ground, refinement)
+    found = refinement.surrogate
+    record = json.loads(found.record) | {"refinement": asdict(left)}
+    return replace(found, record=json.dumps(record, indent=1)), left

@@ -1,0 +1,171 @@
+"""An emulator corrected by fine curves where a posterior lies."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesdeg.actuator.sensitivity import INPUTS
+from bayesdeg.emulator.local import AskedInputs, counted_in, curves_along, curves_of
+from bayesdeg.emulator.refinement import FEWEST, refine
+from bayesdeg.emulator.regression import observe
+from bayesdeg.emulator.scaling import GROUPS, Units
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.terms import features
+from bayesdeg.errors import BayesdegError
+from tests.emulator.closed_form import LENGTH, SPAN, sample, trained
+
+NEUTRAL = np.array([group.neutral for group in GROUPS])
+ORDERS, WRONG = trained().terms.orders, 0.01
+
+
+def asked_of(count, seed, *, low=0.4, high=0.6):
+    generator = np.random.default_rng(seed)
+    groups = np.tile(NEUTRAL, (count, 1))
+    width = SPAN.upper[:3] - SPAN.lower[:3]
+    groups[:, :3] = SPAN.lower[:3] + width * generator.uniform(low, high, (count, 3))
+    return AskedInputs(groups, generator.uniform(0.2, 0.3, count))
+
+
+POSTERIOR, WHOLE = asked_of(200, 1), asked_of(400, 2, low=0.0, high=1.0)
+
+
+def off():
+    """The emulator of the closed form, wrong by 1 % and by as much along load and stiffening."""
+    plain = trained()
+    coefficients = plain.terms.coefficients.copy()
+    for order, size in ((0, WRONG), (1, WRONG), (2, 0.5 * WRONG)):
+        for axis in (0, 2):
+            wanted = np.zeros(13, dtype=np.int64)
+            wanted[axis] = order
+            coefficients[:2, np.all(wanted == ORDERS, axis=1)] += size
+    error = plain.error.coefficients.copy()
+    error[:2] = 0.0
+    error[:2, np.all(plain.error.orders == 0, axis=1)] = 2.0 * np.log(2.0 * WRONG)
+    return replace(
+        plain,
+        terms=replace(plain.terms, coefficients=coefficients),
+        error=replace(plain.error, coefficients=error),
+    )
+
+
+def refined(count, *, ground=None, seed=3):
+    curves = curves_along(POSTERIOR, SPAN, count, seed=seed)
+    return refine(ground or off(), curves, [sample(curve) for curve in curves], WHOLE)
+
+
+def errors_of(surrogate, curves):
+    """Errors of ln curvature over the emulator's own standard error, and the errors, of curves."""
+    found, sds = [], []
+    for curve in curves:
+        run = observe(curve, sample(curve), span=SPAN, length=LENGTH)
+        points = run.coordinates.points
+        y = features(surrogate.terms.orders, points) @ surrogate.terms.coefficients[0]
+        log_square = features(surrogate.error.orders, points) @ surrogate.error.coefficients[0]
+        found.append(y + run.coordinates.warp - run.values[:, 0])
+        sds.append(np.exp(0.5 * log_square))
+    return np.concatenate(found), np.concatenate(sds)
+
+
+@pytest.fixture(scope="module")
+def better():
+    return refined(8)
+
+
+def test_it_is_right_at_new_curves_where_the_posterior_lies(better):
+    curves = curves_of(asked_of(60, 9), SPAN, 12, seed=4)
+    before, _ = errors_of(off(), curves)
+    after, sds = errors_of(better.surrogate, curves)
+    assert np.sqrt(np.mean(before**2)) > 5e-3
+    assert np.sqrt(np.mean(after**2)) < 5e-4
+    # and says so, without saying too much
+    assert np.mean(np.abs(after) <= 1.645 * sds) > 0.7
+    assert np.median(sds) < 0.2 * WRONG
+
+
+def test_far_away_it_claims_no_more_than_it_knows(better):
+    corner = asked_of(40, 5, low=0.0, high=0.08)
+    corner.groups[:, 1] = SPAN.upper[1] - 0.02 * (SPAN.upper[1] - SPAN.lower[1])
+    errors, sds = errors_of(better.surrogate, curves_of(corner, SPAN, 8, seed=1))
+    _, near = errors_of(better.surrogate, curves_of(POSTERIOR, SPAN, 8, seed=1))
+    assert np.median(sds) > 2.0 * np.median(near)
+    assert np.quantile(np.abs(errors) / sds, 0.9) < 3.0
+
+
+def test_the_accuracy_is_that_at_curves_left_out_and_more_curves_miss_less(better):
+    many = json.loads(refined(16).surrogate.record)["accuracy"]["curvature"]
+    few = json.loads(refined(5).surrogate.record)["accuracy"]["curvature"]
+    assert many["rms_pct"] < few["rms_pct"]
+    assert len(better.without) == 8
+
+
+def test_leaving_a_curve_out_is_fitting_without_it(better):
+    curves = curves_along(POSTERIOR, SPAN, 8, seed=3)
+    rest = curves[1:]
+    alone = refine(off(), rest, [sample(curve) for curve in rest], WHOLE).surrogate
+    expected, _ = errors_of(alone, curves[:1])
+    found, _ = errors_of(better.without[0], curves[:1])
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+def test_what_else_it_answers_stays(better):
+    ground = off()
+    assert better.surrogate.span == ground.span
+    assert better.surrogate.strains is ground.strains
+    assert better.surrogate.limit is ground.limit
+    again = Surrogate.from_arrays(better.surrogate.to_arrays())
+    np.testing.assert_array_equal(again.terms.coefficients, better.surrogate.terms.coefficients)
+
+
+def test_units_of_load_and_paper_change_nothing():
+    units, size = Units(load=2.0, paper=4.0), np.ones(len(INPUTS))
+    size[INPUTS.index("load")], size[INPUTS.index("paper_group")] = units.load, units.paper
+    curves = curves_along(POSTERIOR, SPAN, 6, seed=3)
+    samples = [
+        replace(
+            one,
+            loads=one.loads * units.load,
+            gradients=one.gradients / size,
+            limit_load=one.limit_load * units.load,
+        )
+        for one in map(sample, curves)
+    ]
+    back = Units(1.0 / units.load, 1.0 / units.paper)
+    counted = [counted_in(curve, back) for curve in curves]
+    found = refine(replace(off(), units=units), counted, samples, WHOLE.in_units(back))
+    expected = refined(6).surrogate
+    assert found.surrogate.units == units
+    np.testing.assert_allclose(
+        found.surrogate.terms.coefficients, expected.terms.coefficients, atol=1e-6
+    )
+
+
+def test_too_few_curves_are_refused():
+    with pytest.raises(BayesdegError, match="too few"):
+        refined(FEWEST - 1)
+
+
+# ---- which curves
+
+
+def test_curves_along_are_spread_where_draws_differ_most():
+    along = asked_of(300, 6)
+    along.groups[:, 1] = np.linspace(-6.0, -2.0, 300)
+    along.groups[:, 0] = 0.1 * along.groups[:, 1]
+    along.groups[:, 2] = 4.0 - 0.2 * along.groups[:, 1]
+    curves = curves_along(along, SPAN, 6, seed=1)
+    at = np.sort([np.log(curve.material.c3_ratio) for curve in curves])
+    shares = np.clip(np.floor((at + 6.0) / 4.0 * 6.0), 0, 5)
+    assert shares.tolist() == [0, 1, 2, 3, 4, 5]
+    assert curves_along(along, SPAN, 6, seed=1) == curves
+    assert curves_along(along, SPAN, 6, seed=2) != curves
+
+
+def test_every_second_curve_ends_earlier_and_each_elsewhere():
+    curves = curves_along(POSTERIOR, SPAN, 16, seed=1)
+    ends = np.array([curve.loads[-1] for curve in curves])
+    assert np.median(ends[1::2]) < 0.8 * np.median(ends[::2])
+    shares = np.sort(ends[1::2])
+    assert len(set(shares.round(6))) == 8
+    assert shares[-1] / shares[0] > 2.0
