@@ -700,21 +700,20 @@ class Pool:
         return np.maximum(found, LEAST_SCALE)
 
     def p_values(self, scores: Floats) -> Floats:
-        """Return p of each score, times the number of hypotheses that share its part of the level.
-
-        Whole responses, other errors of specimens, groups, readings, and the edge of the picture
-        have a fifth each.
-        """
+        """Return p of each score, times the hypotheses of its part over its `SHARES`."""
         chance = 2.0 * stats.t.sf(np.abs(scores), self.dof)
         part = np.array([_PART[one.oddity] for one in self.known])
-        count = np.bincount(part, minlength=PARTS)[part]
-        found: Floats = np.minimum(1.0, PARTS * count * chance)
+        count = np.bincount(part, minlength=len(SHARES))[part]
+        found: Floats = np.minimum(1.0, count * chance / SHARES[part])
         return np.where(self.specimens >= FEWEST, found, 1.0)
 
 
 SINGLE_FIRST = 1.5
 """By which a group has to be odder than the oddest specimen: one of three draws its group along."""
-PARTS, GROUPS = 5, 2
+SHARES = np.array([0.4, 0.15, 0.25, 0.15, 0.05])
+"""Of the level, of responses, other errors of specimens, groups, readings and the edge of the
+picture: the more, the nearer what commonly happens is to the scatter that hides it."""
+GROUPS = 2
 _PART = {
     Oddity.RESPONSE: 0,
     Oddity.OFFSET: 1,
@@ -814,7 +813,7 @@ def _posed(
 
     Where it is known what to leave out, scatter and errors are those of the other readings.
     """
-    chance = LOOSE_GROUPS if left_out is None else LEVEL / PARTS
+    chance = LOOSE_GROUPS if left_out is None else LEVEL * SHARES[GROUPS]
     if left_out is not None:
         vector = _with_own_errors(subject, vector, left_out)
     parts = parts_of(subject, vector)
@@ -884,8 +883,12 @@ def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Sus
         density -= 0.5 * float(np.sum(((own - medians) / widths) ** 2))
         return -density if np.isfinite(density) else UNLIKELY
 
-    options = {"maxiter": STEPS, "eps": STEP}
-    found = minimize(minus_log_density, vector[free], method="L-BFGS-B", options=options)
+    found = minimize(
+        minus_log_density,
+        vector[free],
+        method="L-BFGS-B",
+        options={"maxiter": STEPS, "eps": STEP},
+    )
     there = vector.copy()
     there[free] = found.x
     return there
