@@ -45,10 +45,9 @@ from bayesdeg.observations.tensile import Tensile
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LEVEL = 0.005
-"""Probability that a study without a mishap has a suspect, half of the one in 100 that is wanted:
-scatter is not as normal as its law."""
-DOUBTFUL = 0.05
+LEVEL = 0.01
+"""Probability that a study without a mishap has a suspect, over all hypotheses together."""
+DOUBTFUL = 0.1
 """Probability, likewise, of what is left out of the calibration by which all is judged: with one
 mishap back in, errors seem wide enough for the next."""
 LOOSE = np.array([3.0, 3.0, 2.0, 4.5, 2.0])
@@ -770,31 +769,18 @@ def find_suspects(
             return ()
         out_before, before = left_out, found
         left_out = _strict(subject, vector, batches, left_out)
-        found = _certain(left_out)
+        found = tuple(one for one in left_out if one.p_value < LEVEL)
         if {_key(one) for one in left_out} == {_key(one) for one in out_before}:
             return found
-    return tuple(one for one in found if _is_among(one, before))  # what comes and goes is in doubt
+    known = [one.hypothesis for one in before]  # what comes and goes is in doubt
+    return tuple(one for one in found if _is_among(one.hypothesis, known))
 
 
-def _certain(left_out: Sequence[Suspect]) -> tuple[Suspect, ...]:
-    """Return those of which one is expected in so many sound studies as `LEVEL` says.
-
-    The k-th is one by k times the level: where one mishap has happened another is no surprise
-    (Benjamini and Hochberg 1995, doi:10.1111/j.2517-6161.1995.tb02031.x).
-    """
-    chance = sorted(one.p_value for one in left_out)
-    below = [k for k, p in enumerate(chance, start=1) if p < k * LEVEL]
-    largest = max(below, default=0) * LEVEL
-    return tuple(one for one in left_out if one.p_value < largest)
-
-
-def _is_among(one: Suspect, others: Iterable[Suspect]) -> bool:
-    """Return whether a suspect is one of others, of the same oddity and most of its readings."""
-    rows = one.hypothesis.rows
+def _is_among(one: Irregularity, others: Iterable[Irregularity]) -> bool:
+    """Return whether a way of being wrong is one of others, for most of the readings of either."""
     return any(
-        other.hypothesis.oddity is one.hypothesis.oddity
-        and 2 * np.sum(rows & other.hypothesis.rows)
-        > min(np.sum(rows), np.sum(other.hypothesis.rows))
+        other.oddity is one.oddity
+        and 2 * np.sum(one.rows & other.rows) > min(np.sum(one.rows), np.sum(other.rows))
         for other in others
     )
 
@@ -834,9 +820,14 @@ def _with_groups(
 ) -> tuple[tuple[Irregularity, ...], Scored]:
     """Return hypotheses with the groups that scores suggest, without the days that they do not."""
     free = Scored(now.observed, _with_free_response(known, now))
-    groups = list(_two_groups(pool_of(subject, known), free, chance))
     days = np.array([one.oddity is Oddity.DAY for one in known])
     kept = np.flatnonzero(~_unclear_days(known, free, chance))
+    told = [known[k] for k in kept if days[k]]
+    groups = [
+        (one, column)
+        for one, column in _two_groups(pool_of(subject, known), free, chance)
+        if not _is_among(one, told)
+    ]
     columns = np.where(days, free.columns, now.columns)[:, kept]
     columns = np.column_stack([columns, *(column for _, column in groups)])
     every = (*(known[k] for k in kept), *(one for one, _ in groups))
@@ -964,15 +955,13 @@ def _two_groups(pool: Pool, now: Scored, chance: float) -> Iterator[tuple[Irregu
 
     The sizes :math:`\hat\phi_k` of single specimens in order, the statistic is the largest t of the
     means of a first and a last part, of at least `SMALLEST_GROUP` each; its law without groups is
-    that of equal normal sizes. Of responses it needs no scale of the scatter, which two groups
-    widen; lengths are known to the errors of reading.
+    that of equal normal sizes. It needs no scale of the scatter, which two groups widen.
     """
-    kinds = ((Oddity.CURVATURE, Oddity.DAY, STATED_DOF), (Oddity.RESPONSE, Oddity.BATCH, 0))
-    for oddity, group, dof in kinds:
+    for oddity, group in ((Oddity.CURVATURE, Oddity.DAY), (Oddity.RESPONSE, Oddity.BATCH)):
         same = np.array([one.oddity is oddity for one in pool.known])
         for family in np.unique(pool.family):
             members = np.flatnonzero(same & (pool.family == family))
-            few = members[_smaller_group(now, members, chance, dof)]
+            few = members[_smaller_group(now, members, chance)]
             if len(few):
                 yield _together(group, [pool.known[k] for k in few]), now.columns[:, few].sum(1)
 
@@ -983,15 +972,13 @@ def _sizes(now: Scored, members: NDArray[np.int64]) -> tuple[Floats, Floats]:
     return (now.columns[:, members].T @ now.observed) / norms**2, norms
 
 
-def _smaller_group(
-    now: Scored, members: NDArray[np.int64], chance: float, dof: int
-) -> NDArray[np.int64]:
+def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> NDArray[np.int64]:
     """Return places among some hypotheses of those that are a group; none if there is no group."""
     if len(members) < 2 * SMALLEST_GROUP:
         return np.array([], dtype=np.int64)
     sizes, norms = _sizes(now, members)
-    statistic, part = largest_t(sizes[None], norms, dof)
-    if statistic[0] <= _t_of_chance(norms, chance, dof):
+    statistic, part = largest_t(sizes[None], norms)
+    if statistic[0] <= _t_of_chance(norms, chance):
         return np.array([], dtype=np.int64)
     order = np.argsort(sizes)
     return min(order[part[0] :], order[: part[0]], key=len)
@@ -1021,19 +1008,15 @@ def t_between(sizes: Floats, weights: Floats, own: Flags) -> float:
     return (means[0] - means[1]) / float(np.sqrt(variance))
 
 
-def largest_t(
-    sizes: Floats, weights: Floats, stated_dof: int = 0
-) -> tuple[Floats, NDArray[np.int64]]:
+def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Return the largest t of two groups of ordered sizes (n, k), and where the second begins.
 
     Parameters
     ----------
     sizes : array, shape (n, k)
-        Of k specimens.
+        Of k specimens, with errors in proportion to one over their weights.
     weights : array, shape (k,)
-        One over their standard errors; whatever their scale, if that has no degrees of freedom.
-    stated_dof : int
-        Degrees of freedom with which that scale counts, beside the scatter within the groups.
+        Whatever their scale.
 
     Examples
     --------
@@ -1050,17 +1033,16 @@ def largest_t(
     low = [one[:, first] for one in sums]
     high = [one[:, -1:] - one[:, first] for one in sums]
     within = sum(two - one**2 / zero for zero, one, two in (low, high))
-    scale = (stated_dof + np.maximum(within, 1e-300)) / (stated_dof + count - 2)
-    spread = np.sqrt(scale * (1.0 / low[0] + 1.0 / high[0]))
+    spread = np.sqrt(np.maximum(within, 1e-300) / (count - 2) * (1.0 / low[0] + 1.0 / high[0]))
     t = (high[1] / high[0] - low[1] / low[0]) / spread
     best = np.argmax(t, axis=1)
     return np.take_along_axis(t, best[:, None], axis=1)[:, 0], best + SMALLEST_GROUP
 
 
-def _t_of_chance(weights: Floats, chance: float, stated_dof: int) -> float:
+def _t_of_chance(weights: Floats, chance: float) -> float:
     """Return the largest t of two groups that sizes without groups exceed so rarely."""
     sizes = np.random.default_rng(len(weights)).standard_normal((SPLITS, len(weights))) / weights
-    return float(np.quantile(largest_t(sizes, weights, stated_dof)[0], 1.0 - chance))
+    return float(np.quantile(largest_t(sizes, weights)[0], 1.0 - chance))
 
 
 def _loose(
