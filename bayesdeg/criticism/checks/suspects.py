@@ -1094,7 +1094,21 @@ def _strict(
         size = np.abs(scores)
         return np.where(chance < DOUBTFUL, np.where(groups, size / SINGLE_FIRST, size), 0.0)
 
-    return _confirmed(pool, now, _pursued(subject, pool, now, excess))
+    return _not_drawn_along(_confirmed(pool, now, _pursued(subject, pool, now, excess)))
+
+
+def _not_drawn_along(found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
+    """Return suspects without batches of which a specimen is odd alone.
+
+    Whether the others of the batch are odd as well shows once they take part in the calibration.
+    """
+    ways = [one.hypothesis for one in found]
+    alone = {way.specimens[0] for way in ways if way.is_of_specimen and len(way.specimens) == 1}
+    return tuple(
+        one
+        for one in found
+        if one.hypothesis.oddity is not Oddity.BATCH or not alone & set(one.hypothesis.specimens)
+    )
 
 
 def _pursued(
