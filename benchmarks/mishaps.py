@@ -284,10 +284,8 @@ def summary(found: list[Json]) -> Json:
         "found_by_mishap": {name: _of(spoilt, name, "found") for name in MISHAPS},
         "visible_found_by_mishap": {name: _of(visible, name, "found") for name in MISHAPS},
         "named_by_mishap": {name: _named(alone, name) for name in MISHAPS},
-        "seconds_screened": float(np.median([one["seconds_screened"] for one in clean])),
-        "seconds_screened_with_mishap": float(
-            np.median([one["seconds_screened"] for one in spoilt])
-        ),
+        "seconds_screened": _median(one["seconds_screened"] for one in clean),
+        "seconds_screened_with_mishap": _median(one["seconds_screened"] for one in spoilt),
     }
 
 
@@ -309,6 +307,11 @@ def _named(studies: list[Json], name: str) -> dict[str, int]:
 def _share(flags: Iterable[object]) -> float | None:
     found = [bool(flag) for flag in flags]
     return float(np.mean(found)) if found else None
+
+
+def _median(values: Iterable[float]) -> float | None:
+    found = list(values)
+    return float(np.median(found)) if found else None
 
 
 def _known(path: Path | None) -> dict[tuple[int, bool], Json]:
