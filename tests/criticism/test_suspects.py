@@ -322,6 +322,27 @@ def test_rounds_whose_lengths_scatter_are_no_days(study):
     assert np.all(suspects._unclear_days(known, free, 0.01)[days])
 
 
+def way(oddity, names, rows=()):
+    read = np.isin(np.arange(10), rows)
+    return Irregularity(oddity, names, "", read, read.astype(float))
+
+
+def test_a_specimen_that_is_odd_alone_does_not_draw_its_batch_along():
+    alone = suspects.Suspect(way(Oddity.RESPONSE, ("A25-3",)), -0.6, -5.4, 1e-4)
+    batch = suspects.Suspect(way(Oddity.BATCH, ("A25-1", "A25-2", "A25-3")), -0.8, -7.0, 1e-6)
+    other = suspects.Suspect(way(Oddity.BATCH, ("A10-1", "A10-2", "A10-3")), 0.4, 6.0, 1e-6)
+    assert suspects._not_drawn_along((batch, alone, other)) == (alone, other)
+    assert suspects._not_drawn_along((batch, other)) == (batch, other)
+
+
+def test_what_comes_again_with_nearly_the_same_readings_is_no_other():
+    """The edge of the picture moves by a reading with the calibration."""
+    edge = way(Oddity.EDGE, ("A00-1",), [3, 4, 5])
+    assert suspects._is_among(edge, [way(Oddity.EDGE, ("A00-1",), [4, 5])])
+    assert not suspects._is_among(edge, [way(Oddity.EDGE, ("A00-1",), [5, 6, 7])])
+    assert not suspects._is_among(edge, [way(Oddity.CUT_OFF, ("A00-1",), [3, 4, 5])])
+
+
 def test_false_suspects_are_as_rare_as_stated(study):
     """Under the linear model with known scatter, whichever of all hypotheses is the oddest."""
     model, mode = study
@@ -333,7 +354,7 @@ def test_false_suspects_are_as_rare_as_stated(study):
     for _ in range(300):
         drawn = suspects.Scored(generator.standard_normal(len(now.observed)), now.columns)
         false += pool.p_values(drawn.scores(whole)).min() < LEVEL
-    assert false <= 5  # of 300 at 0.005: more than five has a chance of 0.004
+    assert false <= 5  # of 300 at 0.01, of which at most three are expected
 
 
 def test_few_specimens_accuse_nobody(study):

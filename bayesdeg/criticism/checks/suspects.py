@@ -13,10 +13,12 @@ specimens and errors is white,
 t is the deletion residual of the linear model: what a specimen departs by from a prediction in
 which it took no part. A mishap widens scatter and errors as long as it takes part in the
 calibration, which hides it. So what may be one is taken out first, by a loose threshold on scores
-that are divided by their median size; the model is calibrated without; and what has been taken out
-is judged by it, with Student's law for a scatter that is known from few specimens, films among
-them, and a threshold such that one sound study in 200 has a suspect. That is repeated until nothing
-but what is found has been left out: with the oddest sound specimens out scatter seems too small.
+that are divided by their median size; the model is calibrated without; errors of reading, which any
+misfit that specimens have in common makes wide and alike, and scatter are estimated with all that
+is common free; and what has been taken out is judged by them, with Student's law for a scatter that
+is known from few specimens, films among them, and a threshold such that one sound study in 100 has
+a suspect. That is repeated until nothing but what is found, or may be, has been left out: with the
+oddest sound specimens out scatter seems too small.
 
 Sources: Cook and Weisberg (1982), Residuals and Influence in Regression, chapter 2, for the mean
 shift model and deletion residuals; Hadi and Simonoff (1993), doi:10.1080/01621459.1993.10476407,
