@@ -12,14 +12,13 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, override
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Inputs, Prediction, gravity_direction
+from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.fold import applied
 from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order, recorded_batches
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.scaling import GROUPS, groups_of
 from bayesdeg.observations.arrays import chosen, padded
 from bayesdeg.observations.kinds import (
     Deviations,
@@ -106,12 +105,6 @@ EMULATOR = (
         _ERROR_MEANING.format("with degradation"),
     ),
 )
-
-OF_WEIGHT = tuple(
-    Parameter(f"emulator_error_weight_{way}", Normal(0.0, 1.0), "–", _ERROR_MEANING.format(said))
-    for way, said in (("along", "with weight along the actuator"), ("up", "with weight up from it"))
-)
-"""Of studies with mounts in which the weight acts that way; otherwise no reading depends on it."""
 
 OF_DEGRADATION = ("volume_ratio", "emulator_error_degradation")
 """Parameters of actuators that a study without degradation and shrinkage does not have."""
@@ -563,7 +556,7 @@ def _predictions(
     causes, met = state.acting(), inputs_met(state, data, deviation)
     world = state.world
     answer = world.answer(met, state.values) if with_strain else world.forward(met)
-    mechanics = _with_common_error(state, data, met, answer)
+    mechanics = _with_common_error(state, data, answer)
     return mechanics, applied("on_reading", mechanics, data.conditions, causes)
 
 
@@ -669,12 +662,12 @@ def range_excess(data: ActuatorCurves, prediction: Prediction) -> Floats:
 
 
 def _with_common_error(
-    state: State[FilmsAndActuators], data: ActuatorCurves, met: Inputs, prediction: Prediction
+    state: State[FilmsAndActuators], data: ActuatorCurves, prediction: Prediction
 ) -> Prediction:
     """Shift a prediction by the emulator's error, which all curves share."""
     if "emulator_error_level" not in state.values:
         return prediction
-    g = state.once(common_error, data) + error_of_weight(state.values, met)
+    g = state.once(common_error, data)
     nothing = np.zeros_like(prediction.sd)
     with np.errstate(invalid="ignore"):  # what is refused may be infinite
         return replace(
@@ -705,36 +698,6 @@ def common_error(state: State[FilmsAndActuators], data: ActuatorCurves) -> Float
     rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
     error: Floats = (level / np.sqrt(3.0) + by_degradation * rates) + by_pressure * pressures
     return error
-
-
-def error_of_weight(values: Named, met: Inputs) -> Floats | float:
-    r"""Return the emulator's error of what weight does, in its standard errors, (n, …).
-
-    .. math:: u_a\, \gamma_a/\gamma_{max} + u_u\, \gamma_u/\gamma_{max}, \qquad
-        \gamma = \rho g s / M
-
-    As over pressures and degradation rates, the error changes linearly over the range of training,
-    by as much as its standard error, which there is that of a body with weight. Without weight
-    there is none: that of the rest of the map is `common_error`.
-
-    Parameters
-    ----------
-    values : mapping of str to array, shape (n,)
-        With u of the ways in which weight acts in the study.
-    met : Inputs
-        What the mechanics met, with causes.
-    """
-    weights = {"along": met.weight_along, "up": met.weight_up}
-    names = {way: f"emulator_error_weight_{way}" for way, at in weights.items() if at is not None}
-    names = {way: name for way, name in names.items() if name in values}
-    if not names:
-        return 0.0
-    groups, largest = groups_of(met), {group.name: group.high for group in GROUPS}
-    found = [
-        values[name][:, None, None] * groups[f"gravity_{way}"] / largest[f"gravity_{way}"]
-        for way, name in names.items()
-    ]
-    return np.asarray(found[0] if len(found) == 1 else found[0] + found[1])
 
 
 def _readings(
@@ -796,9 +759,7 @@ class Curvature(Observations):
     @property
     @override
     def error_parameters(self) -> tuple[Parameter, ...]:
-        mounts = [gravity_direction(name) for name in np.unique(self.curves.mount).tolist()]
-        acts = np.any(np.array(mounts) != 0.0, axis=0)
-        return (*EMULATOR, *(one for one, is_met in zip(OF_WEIGHT, acts, strict=True) if is_met))
+        return EMULATOR
 
     @property
     @override
