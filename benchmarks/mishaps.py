@@ -12,9 +12,11 @@ study; ``--whole`` sets nothing aside, for what the verdicts would be.
 
 Keys: ``mishap_named`` is the share of studies with a mishap alone in which a cause is named;
 ``mishap_found`` that in which the specimens or readings at fault are among the suspects: one of
-them for a mishap of one specimen, half of them else; ``cause_beside_mishap_named`` the share of
-studies with a cause beside a mishap in which that cause alone is named, or stands in a set that
-cannot be told apart, of those in which the same study without the mishap is judged so;
+them for a mishap of one specimen, half of them else; ``visible_mishap_found`` the same of those
+that show by five standard deviations, to whoever knows what to look for (`shown_by`);
+``cause_beside_mishap_named`` the share of studies with a cause beside a mishap in which that cause
+alone is named, or stands in a set that cannot be told apart, of those in which the same study
+without the mishap is judged so;
 ``false_suspects`` the share of studies without a mishap that have a suspect; ``innocent_aside``
 that of studies with one in which a sound specimen, or a reading of one, is set aside too.
 """
@@ -33,10 +35,16 @@ from hidden_studies import HiddenStudy, _sized, made
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.criticism.checks.suspects import parts_of
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.study import Study, read_study
+from bayesdeg.inference.laplace import find_mode
+from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.laboratory.mishaps import MISHAPS, Mishap, happen
+from bayesdeg.laboratory.truth import Truth
+from bayesdeg.observations.curvature import ANGLE, CURVATURE
 from bayesdeg.pipeline.aside import Aside
+from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.outline import outline
@@ -54,7 +62,9 @@ CAUSES = ("pressure_offset", "erosion", "curvature_reading", "shrinkage_reading"
 CAUSE_SIZE = 1.8
 WITH_ANGLE = ("short_lengths",)  # lengths show in curvature over bend angle alone
 TOLD = ("duplicated_curve", "survivors_only")  # what columns alone say, and `check` already
+IN_COLUMNS = (*TOLD, "other_unit")  # need no comparison with other specimens
 HALF, VISIBLE = 0.5, 5.0
+OF_ERRORS = ("noise", "noise_floor", "noise_length", "correlation", "scatter")
 
 
 def drawn(number: int) -> tuple[str, str, str, str]:
@@ -67,8 +77,8 @@ def drawn(number: int) -> tuple[str, str, str, str]:
     return kind, mishap, cause, "angle" if with_angle else "curvature"
 
 
-def written(number: int, folder: Path, *, spoilt: bool) -> Mishap | None:
-    """Write a study, with its mishap unless it is to be left out; return the mishap.
+def written(number: int, folder: Path, *, spoilt: bool) -> tuple[Mishap | None, float | None]:
+    """Write a study, with its mishap unless it is to be left out; return it, and how it shows.
 
     Of mistraced pictures those are kept in mind that are off by more than `VISIBLE` errors.
     """
@@ -80,24 +90,71 @@ def written(number: int, folder: Path, *, spoilt: bool) -> Mishap | None:
     _, truth = made(study, folder, forward=library(), seed=SEED, command=command)
     (folder / "truth.json").unlink()
     if kind == "none" or not spoilt:
-        return None
+        return None, None
     path = folder / "actuator.csv"
-    before = pd.read_csv(path, comment="#")
+    before, state = pd.read_csv(path, comment="#"), generator.bit_generator.state
     readings, mishap = happen(name, before, generator)
+    generator.bit_generator.state = state
+    shown = None if name in IN_COLUMNS else shown_by(name, read_study(folder), truth, generator)
     readings.to_csv(path, index=False)
     if name != "mistraced_pictures":
-        return mishap
+        return mishap, shown
     curvature = before["curvature_per_m"]
     error = np.hypot(truth.curvature_noise_floor, truth.curvature_noise * curvature)
     clear = np.abs(readings["curvature_per_m"] - curvature) > VISIBLE * error
-    return replace(mishap, rows=tuple(row for row in mishap.rows if clear[row]))
+    return replace(mishap, rows=tuple(row for row in mishap.rows if clear[row])), shown
+
+
+def shown_by(name: str, sound: Study, truth: Truth, generator: np.random.Generator) -> float:
+    """Return by how many standard deviations a mishap shows to whoever knows what to look for.
+
+    That is the length of what it does to readings without error, on the scale on which errors of
+    reading and scatter of specimens, both as they truly are, and all that specimens have in common
+    are white.
+    """
+    with threadpool_limits(limits=1):
+        model = assemble(sound).model
+        start = near_films(model, np.random.default_rng(0))
+        assert start is not None
+        mode = find_mode(model, start)[0]
+        values = {name: value[0] for name, value in model.table.named(mode[None]).items()}
+        true = {n: getattr(truth, n) for n in values if n.endswith(OF_ERRORS) and hasattr(truth, n)}
+        vector = model.table.vectors({n: np.array(value) for n, value in (values | true).items()})
+        parts = parts_of(model, np.asarray(vector))
+        whitening = parts.whitening(1.0, np.ones(len(parts.residual)))
+        change = _change(name, sound, model, model.expected(mode[None])[0], generator)
+        return float(np.linalg.norm(whitening.whitened(change)))
+
+
+def _change(
+    name: str, sound: Study, model: JointModel, expected: Floats, generator: np.random.Generator
+) -> Floats:
+    """Return what a mishap changes readings by that are as a model expects them, (n,)."""
+    assert sound.actuator is not None
+    table, places = sound.actuator.reset_index(drop=True), model.places
+    column = {CURVATURE: "curvature_per_m", ANGLE: "bend_angle_deg"}
+    row = {
+        key: k
+        for k, key in enumerate(zip(table["specimen_id"], table["pressure_kPa"], strict=True))
+    }
+    at = [
+        (i, row[places.specimen[i], places.along[i]], column[places.kind[i]])
+        for i in np.flatnonzero(np.isin(places.kind, list(column)))
+    ]
+    for i, k, one in at:
+        table.loc[k, one] = expected[i]
+    spoilt, _ = happen(name, table, generator)
+    found = np.zeros(len(expected))
+    for i, k, one in at:
+        found[i] = spoilt.loc[k, one] - table.loc[k, one]
+    return found
 
 
 def judged(
     number: int, folder: Path, *, spoilt: bool = True, search: bool = False, whole: bool = False
 ) -> Json:
     """Make a study, look it through and judge it; return what was found beside the truth."""
-    mishap = written(number, folder, spoilt=spoilt)
+    mishap, shown = written(number, folder, spoilt=spoilt)
     kind, name, cause, design = drawn(number)
     with threadpool_limits(limits=1):
         study = read_study(folder) if whole else screening(read_study(folder))
@@ -113,6 +170,7 @@ def judged(
             "design": design,
             "spoilt": spoilt,
             "size": None if mishap is None else mishap.size,
+            "shown_by": shown,
             "found": None if mishap is None else was_found(mishap, study, assembly.aside, known),
             "innocent": innocent(mishap, assembly.aside),
             "aside": [_short(one) for one in assembly.aside],
@@ -204,6 +262,7 @@ def summary(found: list[Json]) -> Json:
     beside = [one for one in found if one["kind"] == "beside" and one["spoilt"]]
     comparable = [one for one in beside if is_judged(one) and sound.get(one["number"])]
     spoilt = [*alone, *beside]
+    visible = [one for one in spoilt if one["shown_by"] is None or one["shown_by"] >= VISIBLE]
     clean = [one for one in found if not one["spoilt"] or one["kind"] == "none"]
     return {
         "studies": len(found),
@@ -211,6 +270,8 @@ def summary(found: list[Json]) -> Json:
         "mishap_alone_studies": sum(map(is_judged, alone)),
         "mishap_found": _share(one["found"] for one in spoilt),
         "mishap_studies": len(spoilt),
+        "visible_mishap_found": _share(one["found"] for one in visible),
+        "visible_mishap_studies": len(visible),
         "innocent_aside": _share(bool(one["innocent"]) for one in spoilt),
         "cause_beside_mishap_named": _share(map(right, comparable)),
         "cause_beside_mishap_studies": len(comparable),
@@ -221,11 +282,10 @@ def summary(found: list[Json]) -> Json:
         "false_doubts": _share(bool(one["doubts"]) for one in clean),
         "none_named": _share(one["outcome"] == "named" for one in none if is_judged(one)),
         "found_by_mishap": {name: _of(spoilt, name, "found") for name in MISHAPS},
+        "visible_found_by_mishap": {name: _of(visible, name, "found") for name in MISHAPS},
         "named_by_mishap": {name: _named(alone, name) for name in MISHAPS},
-        "seconds_screened": float(np.median([one["seconds_screened"] for one in clean])),
-        "seconds_screened_with_mishap": float(
-            np.median([one["seconds_screened"] for one in spoilt])
-        ),
+        "seconds_screened": _median(one["seconds_screened"] for one in clean),
+        "seconds_screened_with_mishap": _median(one["seconds_screened"] for one in spoilt),
     }
 
 
@@ -247,6 +307,11 @@ def _named(studies: list[Json], name: str) -> dict[str, int]:
 def _share(flags: Iterable[object]) -> float | None:
     found = [bool(flag) for flag in flags]
     return float(np.mean(found)) if found else None
+
+
+def _median(values: Iterable[float]) -> float | None:
+    found = list(values)
+    return float(np.median(found)) if found else None
 
 
 def _known(path: Path | None) -> dict[tuple[int, bool], Json]:

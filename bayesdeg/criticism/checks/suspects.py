@@ -13,10 +13,12 @@ specimens and errors is white,
 t is the deletion residual of the linear model: what a specimen departs by from a prediction in
 which it took no part. A mishap widens scatter and errors as long as it takes part in the
 calibration, which hides it. So what may be one is taken out first, by a loose threshold on scores
-that are divided by their median size; the model is calibrated without; and what has been taken out
-is judged by it, with Student's law for a scatter that is known from few specimens, films among
-them, and a threshold such that one sound study in 200 has a suspect. That is repeated until nothing
-but what is found has been left out: with the oddest sound specimens out scatter seems too small.
+that are divided by their median size; the model is calibrated without; errors of reading, which any
+misfit that specimens have in common makes wide and alike, and scatter are estimated with all that
+is common free; and what has been taken out is judged by them, with Student's law for a scatter that
+is known from few specimens, films among them, and a threshold such that one sound study in 100 has
+a suspect. That is repeated until nothing but what is found, or may be, has been left out: with the
+oddest sound specimens out scatter seems too small.
 
 Sources: Cook and Weisberg (1982), Residuals and Influence in Regression, chapter 2, for the mean
 shift model and deletion residuals; Hadi and Simonoff (1993), doi:10.1080/01621459.1993.10476407,
@@ -31,6 +33,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.optimize import minimize
 
 from bayesdeg.criticism.checks.discrepancy import discrepancy_roots
 from bayesdeg.criticism.fit.linear import Whitening, jacobian_of
@@ -44,9 +47,11 @@ from bayesdeg.observations.tensile import Tensile
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LEVEL = 0.005
-"""Probability that a study without a mishap has a suspect, half of the one in 100 that is wanted:
-scatter is not as normal as its law."""
+LEVEL = 0.01
+"""Probability that a study without a mishap has a suspect, over all hypotheses together."""
+DOUBTFUL = 0.1
+"""Probability, likewise, of what is left out of the calibration by which all is judged: with one
+mishap back in, errors seem wide enough for the next."""
 LOOSE = np.array([3.0, 3.0, 2.0, 4.5, 2.0])
 """Scores, over their median size, from which on whole responses, other errors of specimens,
 groups, readings and the edge of the picture are left out at first: chance gives one every few
@@ -78,6 +83,10 @@ ROUNDS = 5  # calibrations without what was found so far: mostly two tell the sa
 SMALL = 1e-9
 SPLITS = 10_000  # sets of sizes without groups, for the chance of two groups
 SMALLEST_GROUP = 3  # specimens; fewer are told one by one
+STATED_DOF = 10
+"""With which the errors of reading count for how widely curvature over bend angle scatters, beside
+that scatter itself: lengths of specimens may differ by more than they are read to."""
+LOOSE_GROUPS = 0.05  # chance of a group that is left out at first
 
 
 class Oddity(StrEnum):
@@ -208,7 +217,7 @@ def _of_family(
         yield from _pictures(places, own, name, prediction)
     yield from _of_edge(subject, rows, prediction)
     yield from _of_batches(places, rows, [*_levels(places, rows), *batches], response)
-    yield from _of_days(places, rows, batches, prediction)
+    yield from _of_days(places, rows, (*batches, *_rounds(places, rows)), prediction)
 
 
 def _of_actuator(
@@ -311,6 +320,17 @@ def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
     return [tuple(names[member == k].tolist()) for k in range(member.max() + 1)]
 
 
+def _rounds(places: Places, rows: Flags) -> list[tuple[str, ...]]:
+    """Return the first specimens of all degradation rates, the second, and so on.
+
+    Replicates that are numbered in the order of their tests are a round of them, often of one day.
+    """
+    order = {name: k for k, name in enumerate(dict.fromkeys(places.specimen[rows].tolist()))}
+    rates = [sorted(one, key=lambda name: order[name]) for one in _levels(places, rows)]
+    longest = max(map(len, rates), default=0)
+    return [tuple(one[k] for one in rates if k < len(one)) for k in range(longest)]
+
+
 def _of_batches(
     places: Places, rows: Flags, groups: list[tuple[str, ...]], response: Floats
 ) -> Iterator[Irregularity]:
@@ -324,9 +344,9 @@ def _of_batches(
 def _of_days(
     places: Places, rows: Flags, batches: tuple[tuple[str, ...], ...], prediction: Floats
 ) -> Iterator[Irregularity]:
-    """Yield that lengths of a recorded batch are wrong, where bend angles were read too."""
+    """Yield that lengths of a batch or a round are wrong, where bend angles were read too."""
     curved = rows & (places.kind == CURVATURE)
-    for group in batches if np.any(rows & (places.kind == ANGLE)) else ():
+    for group in dict.fromkeys(batches) if np.any(rows & (places.kind == ANGLE)) else ():
         own = curved & np.isin(places.specimen, group)
         if len(np.unique(places.specimen[own])) > 1 and not np.array_equal(own, curved):
             yield Irregularity(Oddity.DAY, group, CURVATURE, own, np.where(own, prediction, 0.0))
@@ -394,6 +414,9 @@ class ReadingParts:
         Covariances of specimens' deviations, and of errors of reading.
     family : array of str, shape (n,)
         Of which readings each is.
+    stated : array, shape (n, n), optional
+        Covariance of what the tables state an error of, degradation rates above all: no misfit
+        can have widened it.
     """
 
     residual: Floats
@@ -401,6 +424,7 @@ class ReadingParts:
     specimens: Floats
     errors: Floats
     family: Labels
+    stated: Floats | float = 0.0
 
     @property
     def is_finite(self) -> bool:
@@ -418,7 +442,7 @@ class ReadingParts:
         error : array, shape (n,)
             Factors of those of the errors of reading.
         """
-        scaled = scatter**2 * self.specimens + np.outer(error, error) * self.errors
+        scaled = scatter**2 * self.specimens + np.outer(error, error) * self.errors + self.stated
         return Whitening.of(scaled, self.shared)
 
     def log_density(self, scatter: float, error: Floats) -> float:
@@ -438,6 +462,7 @@ class ReadingParts:
             self.specimens[both],
             self.errors[both],
             self.family[kept],
+            self.stated if isinstance(self.stated, float) else self.stated[both],
         )
 
     def widths(self, beside: Floats | float = 0.0) -> "Widths":
@@ -453,16 +478,18 @@ class ReadingParts:
             Log density of what else is known of the scatter of specimens, at each of `FACTORS`.
         """
         error = np.ones(len(self.residual))
-        scatter, dof, found = 1.0, 1.0, dict[str, float]()
+        scatter, dof = 1.0, 1.0
+        found, of_errors = dict[str, float](), dict[str, float]()
         for _ in range(SWEEPS):
             density = np.array([self.log_density(factor, error) for factor in FACTORS])
             scatter, dof = _peak(density + beside)
             for family in dict.fromkeys(self.family.tolist()):
                 own = self.family == family
                 tried = [np.where(own, factor, error) for factor in FACTORS]
-                found[family] = _peak(np.array([self.log_density(scatter, e) for e in tried]))[0]
+                density = np.array([self.log_density(scatter, e) for e in tried])
+                found[family], of_errors[family] = _peak(density)
                 error = np.where(own, found[family], error)
-        return Widths(scatter, dof, found)
+        return Widths(scatter, dof, found, of_errors)
 
 
 @dataclass(frozen=True)
@@ -478,11 +505,14 @@ class Widths:
         log density in ln of the standard deviation bends by −2ν at its top.
     errors : mapping of str to float
         Of the errors of reading, by family.
+    error_dof : mapping of str to float
+        From how many degrees of freedom those are known.
     """
 
     scatter: float
     dof: float
     errors: Mapping[str, float]
+    error_dof: Mapping[str, float]
 
 
 FACTORS = np.geomspace(0.25, 1.25, 6)
@@ -541,14 +571,28 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
     slopes = jacobian_of(subject, vector) * _prior_widths(subject)
     prediction = subject.expected(vector[None])[0]
     deviations = subject.deviations(vector)
-    specimens = (deviations.slope * deviations.spread) @ deviations.slope.T
+    known = np.minimum(_stated_spread(subject, vector), deviations.spread)
+    stated, specimens = (
+        (deviations.slope * part) @ deviations.slope.T
+        for part in (known, deviations.spread - known)
+    )
     return ReadingParts(
         _residual(subject, vector, prediction),
         np.hstack([slopes, *_common(subject.places, prediction)]),
         specimens,
-        subject.scatter(vector) - specimens,
+        subject.scatter(vector) - specimens - stated,
         subject.places.family,
+        stated,
     )
+
+
+def _stated_spread(subject: JointModel, vector: Floats) -> Floats:
+    """Return the variance of specimens' deviations that is left without scatter of stiffness."""
+    values = dict(subject.table.named(vector[None]))
+    if STIFFNESS_SCATTER.name not in values:
+        return np.zeros_like(subject.deviations(vector).spread)
+    alike = values | {STIFFNESS_SCATTER.name: np.array([SMALL])}
+    return subject.deviations(np.asarray(subject.table.vectors(alike))[0]).spread
 
 
 def scored(
@@ -657,21 +701,20 @@ class Pool:
         return np.maximum(found, LEAST_SCALE)
 
     def p_values(self, scores: Floats) -> Floats:
-        """Return p of each score, times the number of hypotheses that share its part of the level.
-
-        Whole responses, other errors of specimens, groups, readings, and the edge of the picture
-        have a fifth each.
-        """
+        """Return p of each score, times the hypotheses of its part over its `SHARES`."""
         chance = 2.0 * stats.t.sf(np.abs(scores), self.dof)
         part = np.array([_PART[one.oddity] for one in self.known])
-        count = np.bincount(part, minlength=PARTS)[part]
-        found: Floats = np.minimum(1.0, PARTS * count * chance)
+        count = np.bincount(part, minlength=len(SHARES))[part]
+        found: Floats = np.minimum(1.0, count * chance / SHARES[part])
         return np.where(self.specimens >= FEWEST, found, 1.0)
 
 
 SINGLE_FIRST = 1.5
 """By which a group has to be odder than the oddest specimen: one of three draws its group along."""
-PARTS, GROUPS = 5, 2
+SHARES = np.array([0.4, 0.15, 0.25, 0.15, 0.05])
+"""Of the level, of responses, other errors of specimens, groups, readings and the edge of the
+picture: the more, the nearer what commonly happens is to the scatter that hides it."""
+GROUPS = 2
 _PART = {
     Oddity.RESPONSE: 0,
     Oddity.OFFSET: 1,
@@ -721,18 +764,27 @@ def find_suspects(
         Specimens that have something in common beside their degradation rate.
     """
     batches = tuple(batches)
-    found: tuple[Suspect, ...] = _loose(subject, mode, batches)
-    if not found:
-        return ()
+    left_out, found = _loose(subject, mode, batches), tuple[Suspect, ...]()
     for _ in range(ROUNDS):
-        vector = refit(found)
+        vector = refit(left_out) if left_out else None
         if vector is None:
             return ()
-        before = {_key(one) for one in found}
-        found = _strict(subject, vector, batches, found)
-        if not found or {_key(one) for one in found} == before:
+        out_before, before = left_out, found
+        left_out = _strict(subject, vector, batches, left_out)
+        found = tuple(one for one in left_out if one.p_value < LEVEL)
+        if {_key(one) for one in left_out} == {_key(one) for one in out_before}:
             return found
-    return tuple(one for one in found if _key(one) in before)  # what comes and goes is in doubt
+    known = [one.hypothesis for one in before]  # what comes and goes is in doubt
+    return tuple(one for one in found if _is_among(one.hypothesis, known))
+
+
+def _is_among(one: Irregularity, others: Iterable[Irregularity]) -> bool:
+    """Return whether a way of being wrong is one of others, for most of the readings of either."""
+    return any(
+        other.oddity is one.oddity
+        and 2 * np.sum(one.rows & other.rows) > min(np.sum(one.rows), np.sum(other.rows))
+        for other in others
+    )
 
 
 def _key(suspect: Suspect) -> tuple[str, bytes]:
@@ -749,19 +801,39 @@ def _posed(
 
     Where it is known what to leave out, scatter and errors are those of the other readings.
     """
+    chance = LOOSE_GROUPS if left_out is None else LEVEL * SHARES[GROUPS]
+    if left_out is not None:
+        vector = _with_own_errors(subject, vector, left_out)
     parts = parts_of(subject, vector)
     known = hypotheses(subject, vector, batches)
     if not known or not parts.is_finite:
         return None
-    widths = Widths(NARROWER, READING_DOF, {})
+    widths = Widths(NARROWER, READING_DOF, {}, {})
     if left_out is not None:
         widths = _widths_without(subject, vector, parts, left_out)
-    now = scored(parts, known, widths.scatter, widths.errors)
-    groups = list(_two_groups(pool_of(subject, known), now))
-    known = (*known, *(one for one, _ in groups))
-    columns = np.column_stack([now.columns, *(column for _, column in groups)])
-    now = Scored(now.observed, columns)
+    known, now = _with_groups(
+        subject, known, scored(parts, known, widths.scatter, widths.errors), chance
+    )
     return pool_of(subject, known, _dof(parts, known, now, widths)), now
+
+
+def _with_groups(
+    subject: JointModel, known: tuple[Irregularity, ...], now: Scored, chance: float
+) -> tuple[tuple[Irregularity, ...], Scored]:
+    """Return hypotheses with the groups that scores suggest, without the days that they do not."""
+    free = Scored(now.observed, _with_free_response(known, now))
+    days = np.array([one.oddity is Oddity.DAY for one in known])
+    kept = np.flatnonzero(~_unclear_days(known, free, chance))
+    told = [known[k] for k in kept if days[k]]
+    groups = [
+        (one, column)
+        for one, column in _two_groups(pool_of(subject, known), free, chance)
+        if not _is_among(one, told)
+    ]
+    columns = np.where(days, free.columns, now.columns)[:, kept]
+    columns = np.column_stack([columns, *(column for _, column in groups)])
+    every = (*(known[k] for k in kept), *(one for one, _ in groups))
+    return every, Scored(now.observed, columns)
 
 
 def _widths_without(
@@ -773,47 +845,142 @@ def _widths_without(
     return parts.without(out).widths(film_density(subject, vector, names))
 
 
+def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Suspect]) -> Floats:
+    """Return a point with the errors of reading that remain beside what actuators have in common.
+
+    A misfit that all have in common makes calibrated errors not only wide, but alike along a path
+    and in curvature and bend angle. All of their parameters are found by restricted likelihood,
+    with their priors as normal laws, and the mean and the scatter of specimens as they are.
+    """
+    free = _of_errors(subject, vector)
+    rows = subject.places.family == ACTUATOR
+    if not free.any() or not rows.any():
+        return vector
+    out = np.any([one.hypothesis.rows for one in left_out], axis=0) & rows
+    parts = parts_of(subject, vector)
+    if not parts.is_finite:
+        return vector
+    rest = parts.without(out | ~rows)
+    kept = np.ix_(rows & ~out, rows & ~out)
+    beside = (subject.scatter(vector) - parts.errors)[kept]
+    medians = np.array(
+        [float(p.law.to_unconstrained(p.law.quantile(0.5))) for p in subject.table.parameters]
+    )[free]
+    widths, ones = _prior_widths(subject)[free], np.ones(int(kept[0].size))
+
+    def minus_log_density(own: Floats) -> float:
+        there = vector.copy()
+        there[free] = own
+        errors = subject.scatter(there)[kept] - beside
+        density = replace(rest, errors=errors).log_density(1.0, ones)
+        density -= 0.5 * float(np.sum(((own - medians) / widths) ** 2))
+        return -density if np.isfinite(density) else UNLIKELY
+
+    found = minimize(
+        minus_log_density,
+        vector[free],
+        method="L-BFGS-B",
+        options={"maxiter": STEPS, "eps": STEP},
+    )
+    there = vector.copy()
+    there[free] = found.x
+    return there
+
+
+def _of_errors(subject: JointModel, vector: Floats) -> Flags:
+    """Return which parameters are of errors of reading of actuators alone, (n_parameters,)."""
+    fixed = ~np.any(jacobian_of(subject, vector), axis=0)
+    rows = subject.places.family == ACTUATOR
+    at, found = subject.scatter(vector), np.zeros(len(vector), dtype=bool)
+    for k in np.flatnonzero(fixed):
+        moved = vector.copy()
+        moved[k] += STEP
+        own = subject.table.parameters[k].name != STIFFNESS_SCATTER.name
+        found[k] = own and np.any((subject.scatter(moved) - at)[np.ix_(rows, rows)])
+    return found
+
+
+STEPS, STEP, UNLIKELY = 10, 1e-3, 1e12
+"""Of the search for errors of reading: a hundredth of a unit of log density is enough."""
+
+
 def _dof(parts: ReadingParts, known: Sequence[Irregularity], now: Scored, widths: Widths) -> Floats:
     r"""Return the degrees of freedom from which the width of each score is known, (m,).
 
     Of the variance of a size, 1/|w|², a share s comes from the scatter of specimens, which is known
-    from ν degrees of freedom, and the rest from errors of reading, known from many more. The rule
+    from ν degrees of freedom, and the rest from errors of reading, known from more. The rule
     is that of Satterthwaite (1946), doi:10.2307/3002019: :math:`1/(s^2/\nu + (1 - s)^2/\nu_e)`.
     """
     wider = scored(parts, known, WIDER * widths.scatter, widths.errors)
     grown = np.log(np.maximum(now.norms, SMALL) / np.maximum(wider.norms, SMALL))
     share = np.clip(grown / np.log(WIDER), 0.0, 1.0)
-    found: Floats = 1.0 / (share**2 / widths.dof + (1.0 - share) ** 2 / READING_DOF)
+    family = parts.family[[int(np.argmax(one.rows)) for one in known]].tolist()
+    errors = np.array([widths.error_dof.get(one, READING_DOF) for one in family])
+    found: Floats = 1.0 / (share**2 / widths.dof + (1.0 - share) ** 2 / errors)
     return found
 
 
 WIDER = 1.1  # scatter of specimens, for the share of a variance that comes from it
 
 
-def _two_groups(pool: Pool, now: Scored) -> Iterator[tuple[Irregularity, Floats]]:
+def _with_free_response(known: Sequence[Irregularity], now: Scored) -> Floats:
+    """Return whitened directions, of lengths with the response of every specimen free, (n, m).
+
+    Lengths show in curvature over bend angle, which stiffness leaves as it is: known to the errors
+    of reading, however widely specimens scatter.
+    """
+    responses = [k for k, one in enumerate(known) if one.oddity is Oddity.RESPONSE]
+    lengths = [k for k, one in enumerate(known) if one.oddity in (Oddity.CURVATURE, Oddity.DAY)]
+    found = now.columns.copy()
+    if lengths:
+        basis = np.linalg.qr(now.columns[:, responses])[0]
+        found[:, lengths] -= basis @ (basis.T @ found[:, lengths])
+    return found
+
+
+def _unclear_days(known: Sequence[Irregularity], free: Scored, chance: float) -> Flags:
+    """Return which hypotheses of a day are within the scatter of lengths over specimens, (m,)."""
+    members = np.array([k for k, one in enumerate(known) if one.oddity is Oddity.CURVATURE], int)
+    names = [known[k].specimens[0] for k in members]
+    days = [k for k, one in enumerate(known) if one.oddity is Oddity.DAY]
+    found = np.zeros(len(known), dtype=bool)
+    dof = STATED_DOF + len(members) - 2
+    for k in days:
+        own = np.isin(names, known[k].specimens)
+        t = t_between(*_sizes(free, members), own) if 0 < own.sum() < len(own) else 0.0
+        found[k] = abs(t) < stats.t.isf(0.5 * chance / len(days), dof)
+    return found
+
+
+def _two_groups(pool: Pool, now: Scored, chance: float) -> Iterator[tuple[Irregularity, Floats]]:
     r"""Yield hypotheses that specimens fall into two groups, each with its whitened direction.
 
     The sizes :math:`\hat\phi_k` of single specimens in order, the statistic is the largest t of the
-    means of a first and a last part, of at least `SMALLEST_GROUP` each. It needs no scale of the
-    scatter, which two groups widen; its law without groups is that of equal normal sizes.
+    means of a first and a last part, of at least `SMALLEST_GROUP` each; its law without groups is
+    that of equal normal sizes. It needs no scale of the scatter, which two groups widen.
     """
     for oddity, group in ((Oddity.CURVATURE, Oddity.DAY), (Oddity.RESPONSE, Oddity.BATCH)):
         same = np.array([one.oddity is oddity for one in pool.known])
         for family in np.unique(pool.family):
             members = np.flatnonzero(same & (pool.family == family))
-            few = members[_smaller_group(now, members)]
+            few = members[_smaller_group(now, members, chance)]
             if len(few):
                 yield _together(group, [pool.known[k] for k in few]), now.columns[:, few].sum(1)
 
 
-def _smaller_group(now: Scored, members: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sizes(now: Scored, members: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Return sizes of hypotheses, each alone, and one over their standard errors, (m,) each."""
+    norms = np.maximum(now.norms[members], SMALL)
+    return (now.columns[:, members].T @ now.observed) / norms**2, norms
+
+
+def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> NDArray[np.int64]:
     """Return places among some hypotheses of those that are a group; none if there is no group."""
     if len(members) < 2 * SMALLEST_GROUP:
         return np.array([], dtype=np.int64)
-    norms = np.maximum(now.norms[members], SMALL)
-    sizes = (now.columns[:, members].T @ now.observed) / norms**2
+    sizes, norms = _sizes(now, members)
     statistic, part = largest_t(sizes[None], norms)
-    if statistic[0] <= _t_of_chance(norms):
+    if statistic[0] <= _t_of_chance(norms, chance):
         return np.array([], dtype=np.int64)
     order = np.argsort(sizes)
     return min(order[part[0] :], order[: part[0]], key=len)
@@ -825,6 +992,22 @@ def _together(oddity: Oddity, ways: Sequence[Irregularity]) -> Irregularity:
     rows = np.any([one.rows for one in ways], axis=0)
     direction = np.sum([one.direction for one in ways], axis=0)
     return Irregularity(oddity, names, ways[0].kind, rows, direction)
+
+
+def t_between(sizes: Floats, weights: Floats, own: Flags) -> float:
+    """Return t of the means of some sizes and of the others, (k,) each.
+
+    Their scatter is pooled with the stated one, at `STATED_DOF` degrees of freedom.
+    """
+    parts = [(sizes[part], weights[part] ** 2) for part in (own, ~own)]
+    means = [float(np.average(size, weights=square)) for size, square in parts]
+    within = sum(
+        float(square @ (size - mean) ** 2)
+        for (size, square), mean in zip(parts, means, strict=True)
+    )
+    scale = (STATED_DOF + within) / (STATED_DOF + len(sizes) - 2)
+    variance = scale * sum(1.0 / float(square.sum()) for _, square in parts)
+    return (means[0] - means[1]) / float(np.sqrt(variance))
 
 
 def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -858,10 +1041,10 @@ def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]
     return np.take_along_axis(t, best[:, None], axis=1)[:, 0], best + SMALLEST_GROUP
 
 
-def _t_of_chance(weights: Floats) -> float:
-    """Return the largest t of two groups that chance gives once in 4/`LEVEL` sets of sizes."""
+def _t_of_chance(weights: Floats, chance: float) -> float:
+    """Return the largest t of two groups that sizes without groups exceed so rarely."""
     sizes = np.random.default_rng(len(weights)).standard_normal((SPLITS, len(weights))) / weights
-    return float(np.quantile(largest_t(sizes, weights)[0], 1.0 - LEVEL / PARTS))
+    return float(np.quantile(largest_t(sizes, weights)[0], 1.0 - chance))
 
 
 def _loose(
@@ -901,7 +1084,7 @@ def _strict(
     batches: tuple[tuple[str, ...], ...],
     left_out: Sequence[Suspect],
 ) -> tuple[Suspect, ...]:
-    """Return what is a mishap by a calibration in which it took no part."""
+    """Return what may be a mishap by a calibration in which it took no part."""
     posed = _posed(subject, vector, batches, left_out)
     if posed is None:
         return ()
@@ -911,9 +1094,23 @@ def _strict(
     def excess(scores: Floats) -> Floats:
         chance = pool.p_values(scores)
         size = np.abs(scores)
-        return np.where(chance < LEVEL, np.where(groups, size / SINGLE_FIRST, size), 0.0)
+        return np.where(chance < DOUBTFUL, np.where(groups, size / SINGLE_FIRST, size), 0.0)
 
-    return _confirmed(pool, now, _pursued(subject, pool, now, excess))
+    return _not_drawn_along(_confirmed(pool, now, _pursued(subject, pool, now, excess)))
+
+
+def _not_drawn_along(found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
+    """Return suspects without batches of which a specimen is odd alone.
+
+    Whether the others of the batch are odd as well shows once they take part in the calibration.
+    """
+    ways = [one.hypothesis for one in found]
+    alone = {way.specimens[0] for way in ways if way.is_of_specimen and len(way.specimens) == 1}
+    return tuple(
+        one
+        for one in found
+        if one.hypothesis.oddity is not Oddity.BATCH or not alone & set(one.hypothesis.specimens)
+    )
 
 
 def _pursued(
@@ -964,7 +1161,7 @@ def _confirmed(pool: Pool, now: Scored, found: tuple[Suspect, ...]) -> tuple[Sus
     while kept:
         judged = [_beside(pool, now, one, [k for k in kept if k is not one]) for one in kept]
         worst = max(range(len(judged)), key=lambda i: judged[i].p_value)
-        if judged[worst].p_value < LEVEL:
+        if judged[worst].p_value < DOUBTFUL:
             return tuple(sorted(judged, key=lambda one: -abs(one.score)))
         del kept[worst]
     return ()
