@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.criticism.fit.trials import Trial, firm
+from bayesdeg.criticism.fit.trials import Trial, firm, wanted
 from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
     Folds,
@@ -197,7 +197,9 @@ def _predict_fold(job: _Job) -> _Fold:
     generator = np.random.default_rng(seed)
     training, testing = trial.subject.without(groups), trial.subject.only(groups)
     start = trial.mode if trial.is_near_mode else None
-    rest = recalibrated(training, generator, seed, start=start, whole=trial.posterior)
+    rest = recalibrated(
+        training, generator, seed, start=start, whole=trial.posterior, enough=wanted(training)
+    )
     vectors = rest.resample(generator, DRAWS)
     if len(groups) == 1 and np.isfinite(rest.log_evidence):
         # p(y_g | rest) is a ratio of evidences; few draws would miss what a whole curve demands
