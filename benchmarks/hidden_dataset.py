@@ -36,15 +36,8 @@ from hidden_studies import (
     designs,
     experimented,
 )
-from planted_studies import (
-    ENERGY,
-    LEVELS,
-    REACH,
-    RELAXATION,
-    SHARE,
-    SOFTENED,
-    STEEPNESS,
-)
+from physical_effects import from_surfaces, softened, viscous
+from planted_studies import LEVELS, REACH, RELAXATION, SHARE, SOFTENED
 from threadpoolctl import threadpool_limits
 from unknown_effects import FORMS, _cause
 
@@ -56,15 +49,9 @@ from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.fields import (
-    Diffusion,
-    Elastic,
-    Field,
     FieldActuator,
     FieldMap,
     Memory,
-    Softened,
-    Viscous,
-    reacted,
 )
 from bayesdeg.laboratory.hidden import HiddenTruth, Origin, lines_of
 from bayesdeg.laboratory.truth import HiddenEffect
@@ -175,14 +162,12 @@ PHYSICS = {"degraded_skin": "careful", "mullins": "history", "creep": "history"}
 
 def memory_of(name: str, size: float, actuator: FieldActuator, level: float) -> Memory:
     """Return a material with a cause in it, at a degradation rate [%]."""
-    constants = actuator.body.constants
-    if name == "creep":
-        return Viscous(constants, shares=(SHARE * size,), times=(RELAXATION,))
-    if name == "mullins":
-        return Softened(constants, r=1.0 / (SOFTENED * size), m=ENERGY, beta=0.1)
-    rate = reacted(Diffusion.on(actuator.mesh.body), REACH / size, level)
-    factor = np.exp(STEEPNESS * (rate - level))
-    return Elastic(Field(constants * factor[..., None]))
+    of = {
+        "creep": viscous(SHARE * size, RELAXATION),
+        "mullins": softened(SOFTENED * size),
+        "degraded_skin": from_surfaces(REACH / size),
+    }
+    return of[name](actuator, level)
 
 
 def sizes_of(name: str, size: float) -> Mapping[str, float]:

@@ -8,6 +8,8 @@ and holds the verdicts against what was hidden and a closed-form analysis of the
 Finished studies are kept in ``.cache/hidden_effects`` and not judged again. With ``--record FILE``
 those in the file are not either, and the file is written anew; ``hidden_effects.jsonl`` beside this
 script holds the studies of the published figures, as the commit that it came with judged them.
+Studies from number 700 on hide effects that are planted by physics of a laboratory and not by the
+rules of the entries (``physical_effects.py``): ``hidden_by_physics.jsonl`` holds such studies.
 ``--gelatin`` runs ``bayesdeg run studies/gelatin_actuator`` too, at both efforts, and adds the
 seconds that its verdict and the whole run take on all cores.
 """

@@ -16,15 +16,6 @@ import numpy as np
 import pandas as pd
 from hidden_studies import ONLY_IN, REFUSED, HiddenStudy, designs, experimented, write_folder
 from numpy.typing import NDArray
-from planted_studies import (
-    DENSE,
-    ENERGY,
-    EQUATION_6,
-    MELTING,
-    OF_FILMS,
-    STEEPNESS,
-    dry_basis,
-)
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
@@ -54,14 +45,24 @@ from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]
 Tables = Mapping[str, pd.DataFrame]
+Remembering = Callable[[FieldActuator, float], Memory]
+Mounted = Callable[[float], Mounting]
 
 ATMOSPHERE = 101.3  # kPa
 GRAVITY = 9.81  # m/s²
 MOST_DEGRADED = 30.5  # D_R after long burial [%], see `bayesdeg.laboratory.truth.Truth`
 WORST = 25.0  # %, at which sizes that grow with the degradation rate are given
 FRESH = 0.5  # %, below which nothing has degraded
-MIDDLE = Resolution(along=1.8, across=1.3, up=2.5)  # of paper that comes off, see planted_studies
-SHARPNESS = 0.1  # beta of Ogden and Roxburgh
+MIDDLE = Resolution(
+    along=1.8, across=1.3, up=2.5
+)  # of paper that comes off; on `COARSE` it does a sixth too much
+STEEPNESS = 0.068  # d ln C/dD of the reference material [1/%]
+ENERGY, SHARPNESS = 0.02, 0.1  # m [C1] and beta of Ogden and Roxburgh
+EQUATION_6 = 0.8574  # dry mass lost over the degradation rate of the dry basis
+MOISTURE = 0.2  # by total mass, before degradation
+DRY_DENSITY = 3.0 / (2.0 / 1.35 + 1.0 / 1.26)  # g/cm³, of gelatin and glycerol 2 : 1 by mass
+DENSE = "B"  # the batch with too little water
+MELTING, OF_FILMS = 80.0, 22.0  # °C, of the helices, and at which films were pulled
 ALIKE = 0.1  # relative scatter, from actuator to actuator, of how its paper was bonded
 #: Designs with fewer actuators where a field is solved for each: degradation rates and copies.
 SMALL: Mapping[str, tuple[tuple[float, ...], int]] = {
@@ -100,6 +101,9 @@ class Tests:
         return np.diff(self.column("time_s").astype(float), prepend=0.0)
 
 
+Met = Callable[[Inputs, Tests], Inputs]
+
+
 @dataclass(frozen=True)
 class Physical:
     """One effect as it happens in a laboratory.
@@ -131,10 +135,10 @@ class Physical:
     cause: str
     values: Mapping[str, float]
     exact: bool = True
-    met: Callable[[Inputs, Tests], Inputs] | None = None
+    met: Met | None = None
     read: Callable[[Prediction, Tests], Prediction] | None = None
-    memory: Callable[[FieldActuator, float], Memory] | None = None
-    mounting: Callable[[float], Mounting] | None = None
+    memory: Remembering | None = None
+    mounting: Mounted | None = None
     moulded: Callable[[float], Dimensions] | None = None
     recorded: Callable[[Tables, np.random.Generator], Tables] | None = None
     noted: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
@@ -193,7 +197,7 @@ def _solving(one: Physical, tests: Tests, finer: ForwardMap) -> ForwardMap:
         return _reshaped(one.moulded, levels, finer)
     if one.memory is None and one.mounting is None:
         return finer
-    memory = one.memory or _elastic
+    memory = one.memory or elastic
     mounting = one.mounting or (lambda level: Mounting())
     return FieldMap(
         Geometry(Dimensions()),
@@ -237,7 +241,8 @@ def _specimens(inputs: Inputs, places: NDArray[np.intp], shape: tuple[int, ...])
     return replace(inputs, **arrays)
 
 
-def _elastic(actuator: FieldActuator, level: float) -> Memory:
+def elastic(actuator: FieldActuator, level: float) -> Memory:
+    """Return a body without a memory."""
     return Elastic(Field(actuator.body.constants))
 
 
@@ -253,6 +258,63 @@ def _burial(level: float | Floats) -> Floats:
 
 def _either(generator: np.random.Generator) -> float:
     return float(generator.choice([-1.0, 1.0]))
+
+
+def dry_basis(moisture: float | Floats) -> Floats:
+    """Return water over dry matter for a moisture content by total mass."""
+    return np.asarray(moisture / (1.0 - moisture))
+
+
+def on_dry_basis(rate: Floats) -> Floats:
+    """Return the rates that the same weighings give by dry mass, for rates by total mass [%]."""
+    water = dry_basis(MOISTURE * (1.0 - rate / 100.0))
+    return 100.0 * (1.0 - water / dry_basis(MOISTURE))
+
+
+def volume_kept(rate: Floats, lost: float = EQUATION_6) -> Floats:
+    """Return the share of a part's volume that is left at degradation rates of the wet basis [%].
+
+    Dry matter is lost by Eq. 6 of the source, whose rates are of the dry basis; what is left holds
+    the water that its moisture content says.
+    """
+    water = dry_basis(MOISTURE * (1.0 - rate / 100.0))
+    dry = 1.0 - lost * (1.0 - water / dry_basis(MOISTURE))
+    return dry * (1.0 / DRY_DENSITY + water) / (1.0 / DRY_DENSITY + dry_basis(MOISTURE))
+
+
+def misgauged(weight: float, stated: float) -> Met:
+    """Return pressures of a gauge whose span was set against a weight, stated as another."""
+    return lambda inputs, tests: replace(inputs, pressure=inputs.pressure * weight / stated)
+
+
+def viscous(share: float, time: float) -> Remembering:
+    """Return bodies of whose stress a share relaxes with a time [s]."""
+    return lambda actuator, level: Viscous(actuator.body.constants, shares=(share,), times=(time,))
+
+
+def softened(share: float) -> Remembering:
+    """Return bodies that the largest energies of their points soften by a share in the end."""
+
+    def memory(actuator: FieldActuator, level: float) -> Memory:
+        return Softened(actuator.body.constants, r=1.0 / share, m=ENERGY, beta=SHARPNESS)
+
+    return memory
+
+
+def from_surfaces(reach: float) -> Remembering:
+    """Return bodies that are degraded from their surfaces, by diffusion and reaction [mm]."""
+
+    def memory(actuator: FieldActuator, level: float) -> Memory:
+        rate = reacted(Diffusion.on(actuator.mesh.body), reach, level)
+        factor = np.exp(STEEPNESS * (rate - level))
+        return Elastic(Field(actuator.body.constants * factor[..., None]))
+
+    return memory
+
+
+def off_end(share: float) -> Mounted:
+    """Return paper that has come off from the free end, by a share of the length at 25 %."""
+    return lambda level: Mounting(Bond(off_end=share).grown(level, WORST))
 
 
 # what happens, by the entry that stands for it: each of a size over the usual one
@@ -284,12 +346,7 @@ def leaking_crack(size: float, generator: np.random.Generator) -> Physical:
 def wrong_weight(size: float, generator: np.random.Generator) -> Physical:
     """The gauge's span was set against a weight that is not the stated one."""
     gain = 0.04 * size * _either(generator)
-
-    def met(inputs: Inputs, tests: Tests) -> Inputs:
-        stated = 25.0  # N, on the piston of the dead-weight tester
-        return replace(inputs, pressure=inputs.pressure * (stated * (1.0 + gain)) / stated)
-
-    return Physical("gauge_gain", {"gain": gain}, met=met)
+    return Physical("gauge_gain", {"gain": gain}, met=misgauged(1.0 + gain, 1.0))
 
 
 def concentrated(size: float, generator: np.random.Generator) -> Physical:
@@ -349,18 +406,13 @@ def cut_fibres(size: float, generator: np.random.Generator) -> Physical:
 
 def shrunken(size: float, generator: np.random.Generator) -> Physical:
     """Actuators are as small as what is left of their mass and water makes them."""
-    lost, moisture = EQUATION_6 * min(size, 1.15), 0.2
-    density = 3.0 / (2.0 / 1.35 + 1.0 / 1.26)  # g/cm³, of gelatin and glycerol 2 : 1 by mass
-
-    def kept(rate: Floats) -> Floats:
-        water = dry_basis(moisture * (1.0 - rate / 100.0))
-        dry = 1.0 - lost * (1.0 - water / dry_basis(moisture))
-        return dry * (1.0 / density + water) / (1.0 / density + dry_basis(moisture))
+    lost = EQUATION_6 * min(size, 1.15)
 
     def met(inputs: Inputs, tests: Tests) -> Inputs:
-        return replace(inputs, linear_scale=inputs.linear_scale * np.cbrt(kept(tests.level)))
+        kept = volume_kept(tests.level, lost)
+        return replace(inputs, linear_scale=inputs.linear_scale * np.cbrt(kept))
 
-    values = {"lost_volume": float(1.0 - kept(np.array(WORST)))}
+    values = {"lost_volume": float(1.0 - volume_kept(np.array(WORST), lost))}
     return Physical("degraded_shrinkage", values, exact=False, met=met)
 
 
@@ -487,12 +539,7 @@ def other_pot(size: float, generator: np.random.Generator) -> Physical:
 
 
 def other_basis(size: float, generator: np.random.Generator) -> Physical:
-    """Rates of actuators were computed with water over dry mass instead of over total mass."""
-    moisture = 0.2  # of the films that are weighed, by total mass; so there is one size
-
-    def on_dry_basis(rate: Floats) -> Floats:
-        water = dry_basis(moisture * (1.0 - rate / 100.0))
-        return 100.0 * (1.0 - water / dry_basis(moisture))
+    """Rates of actuators were computed with water over dry mass: there is one size."""
 
     def recorded(tables: Tables, generator: np.random.Generator) -> Tables:
         readings = tables["actuator"]
@@ -506,22 +553,14 @@ def other_basis(size: float, generator: np.random.Generator) -> Physical:
 def relaxing(size: float, generator: np.random.Generator) -> Physical:
     """Stress in the walls relaxes, in paper not."""
     share, time = 0.08 * size, float(generator.uniform(15.0, 40.0))
-
-    def memory(actuator: FieldActuator, level: float) -> Memory:
-        return Viscous(actuator.body.constants, shares=(share,), times=(time,))
-
     values = {"amount": share / (1.0 - share), "time_constant": time / (1.0 - share)}
-    return Physical("creep", values, exact=False, memory=memory)
+    return Physical("creep", values, exact=False, memory=viscous(share, time))
 
 
-def softened(size: float, generator: np.random.Generator) -> Physical:
+def worked(size: float, generator: np.random.Generator) -> Physical:
     """The largest energy of each point so far has softened it, after Ogden and Roxburgh."""
     share = 0.11 * size
-
-    def memory(actuator: FieldActuator, level: float) -> Memory:
-        return Softened(actuator.body.constants, r=1.0 / share, m=ENERGY, beta=SHARPNESS)
-
-    return Physical("mullins", {"softening": share}, exact=False, memory=memory)
+    return Physical("mullins", {"softening": share}, exact=False, memory=softened(share))
 
 
 def drying(size: float, generator: np.random.Generator) -> Physical:
@@ -535,27 +574,16 @@ def drying(size: float, generator: np.random.Generator) -> Physical:
     return Physical("humidity_drift", {"stiffening": 0.08 * size}, exact=False, memory=memory)
 
 
-def from_surfaces(size: float, generator: np.random.Generator) -> Physical:
+def eaten_into(size: float, generator: np.random.Generator) -> Physical:
     """What degrades comes in through the faces in the soil, and is used up on its way."""
-    reach = 1.5 / size  # mm
-
-    def memory(actuator: FieldActuator, level: float) -> Memory:
-        rate = reacted(Diffusion.on(actuator.mesh.body), reach, level)
-        factor = np.exp(STEEPNESS * (rate - level))
-        return Elastic(Field(actuator.body.constants * factor[..., None]))
-
-    return Physical("degraded_skin", {"skin_stiffening": 0.8 * size}, exact=False, memory=memory)
+    values = {"skin_stiffening": 0.8 * size}
+    return Physical("degraded_skin", values, exact=False, memory=from_surfaces(1.5 / size))
 
 
-def coming_off(size: float, generator: np.random.Generator) -> Physical:
+def loosened(size: float, generator: np.random.Generator) -> Physical:
     """Paper comes off from the free end, further where more has degraded."""
-    off = Bond(off_end=min(0.45 * size, 0.7))
-    return Physical(
-        "delamination",
-        {"looseness": size},
-        exact=False,
-        mounting=lambda level: Mounting(off.grown(level, WORST)),
-    )
+    mounting = off_end(min(0.45 * size, 0.7))
+    return Physical("delamination", {"looseness": size}, exact=False, mounting=mounting)
 
 
 def eaten_walls(size: float, generator: np.random.Generator) -> Physical:
@@ -618,11 +646,11 @@ HAPPENS: Mapping[str, Callable[[float, np.random.Generator], Physical]] = {
     "degradation_scale": other_basis,
     "erosion": eaten_walls,
     "wall_thickness": small_core,
-    "degraded_skin": from_surfaces,
-    "delamination": coming_off,
+    "degraded_skin": eaten_into,
+    "delamination": loosened,
     "creep": relaxing,
     "humidity_drift": drying,
-    "mullins": softened,
+    "mullins": worked,
 }
 """By the entry of the catalogue that stands for it."""
 CHEAP = tuple(

@@ -19,30 +19,39 @@ import numpy as np
 import pandas as pd
 from hidden_studies import LARGEST_PRESSURE, OUTSIDE, HiddenStudy, designs, made
 from numpy.typing import NDArray
+from physical_effects import (
+    DENSE,
+    HAPPENS,
+    MIDDLE,
+    OF_FILMS,
+    Met,
+    Tests,
+    elastic,
+    from_surfaces,
+    misgauged,
+    off_end,
+    on_dry_basis,
+    softened,
+    viscous,
+)
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
-from bayesdeg.actuator.mesh import COARSE, FINE, Resolution
+from bayesdeg.actuator.mesh import COARSE, FINE
 from bayesdeg.causes.catalogue import find
-from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause
+from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import SMOOTH
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import pool
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.fields import (
-    Diffusion,
-    Elastic,
-    Field,
     FieldActuator,
     FieldMap,
     Memory,
-    Softened,
-    Viscous,
-    reacted,
 )
-from bayesdeg.laboratory.mounting import Bond, Mounting
+from bayesdeg.laboratory.mounting import Mounting
 from bayesdeg.laboratory.truth import HiddenEffect, Three
 
 Floats = NDArray[np.float64]
@@ -55,7 +64,6 @@ EVERY_LEVEL = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
 FLAWS = "flaw_embrittlement"
 COPIES = {0.0: 2, 10.0: 2, 22.5: 3, 25.0: 5}  # of actuators that are inflated until they burst
 STEP, LARGEST_OF_STIFF = 40.0, 520.0  # kPa; of those, and of what is degraded beyond `SMOOTH`
-STEEPNESS = 0.068  # d ln C/dD of the reference material [1/%]
 BRITTLE = (209.8, 75.0, 16.0)  # elongation at break of films that break early [%]
 
 
@@ -85,8 +93,8 @@ class Planted:
     mounting : callable, optional
         How an actuator is made and held at a degradation rate [%]: another physics.
     met : callable, optional
-        What the mechanics meets of what was set and cast, given the first row of each actuator's
-        test: another physics.
+        What the mechanics meets of what was set and cast, given the tests:
+        another physics.
     recorded : callable, optional
         The degradation rates that are written down of actuators with these [%]: another slip.
     noted : mapping, optional
@@ -104,7 +112,7 @@ class Planted:
     elongation: Three | None = None
     memory: Callable[[FieldActuator, float], Memory] | None = None
     mounting: Callable[[float], Mounting] | None = None
-    met: Callable[[Inputs, pd.DataFrame], Inputs] | None = None
+    met: Met | None = None
     recorded: Callable[[Floats], Floats] | None = None
     noted: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
     noted_of_films: Mapping[str, object] = field(default_factory=dict)
@@ -136,98 +144,17 @@ class Planted:
         )
 
 
-def viscous(actuator: FieldActuator, level: float) -> Memory:
-    """Return a body whose stress relaxes."""
-    return Viscous(actuator.body.constants, shares=(SHARE,), times=(RELAXATION,))
-
-
-def softened(actuator: FieldActuator, level: float) -> Memory:
-    """Return a body that the largest energies of its points soften."""
-    return Softened(actuator.body.constants, r=1.0 / SOFTENED, m=ENERGY, beta=0.1)
-
-
-def from_surfaces(actuator: FieldActuator, level: float) -> Memory:
-    """Return a body that is degraded from its surfaces inwards, by diffusion and reaction."""
-    rate = reacted(Diffusion.on(actuator.mesh.body), REACH, level)
-    factor = np.exp(STEEPNESS * (rate - level))
-    return Elastic(Field(actuator.body.constants * factor[..., None]))
-
-
-def elastic(actuator: FieldActuator, level: float) -> Memory:
-    """Return a body without a memory."""
-    return Elastic(Field(actuator.body.constants))
-
-
-def coming_off(level: float) -> Mounting:
-    """Return paper that has come off from the free end, further where more has degraded."""
-    return Mounting(Bond(off_end=OFF).grown(level, REFERENCE_DEGRADATION))
-
-
-def shrunken(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
-    """Return actuators that are as small as what is left of their mass and water makes them."""
-    kept = volume_kept(tests["degradation_pct"].to_numpy(float)[:, None])
-    return replace(inputs, linear_scale=inputs.linear_scale * np.cbrt(kept))
-
-
-def volume_kept(rate: Floats) -> Floats:
-    """Return the share of a part's volume that is left at degradation rates of the wet basis [%].
-
-    Dry matter is lost by Eq. 6 of the source, whose rates are of the dry basis; what is left holds
-    the water that its moisture content says.
-    """
-    water = dry_basis(MOISTURE * (1.0 - rate / 100.0))
-    dry = 1.0 - EQUATION_6 * (1.0 - water / dry_basis(MOISTURE))
-    return dry * (1.0 / DRY_DENSITY + water) / (1.0 / DRY_DENSITY + dry_basis(MOISTURE))
-
-
-def dry_basis(moisture: float | Floats) -> Floats:
-    """Return water over dry matter for a moisture content by total mass."""
-    return np.asarray(moisture / (1.0 - moisture))
-
-
-def on_dry_basis(rate: Floats) -> Floats:
-    """Return the rates that the same weighings give by dry mass, for rates by total mass [%]."""
-    water = dry_basis(MOISTURE * (1.0 - rate / 100.0))
-    return 100.0 * (1.0 - water / dry_basis(MOISTURE))
-
-
-def misgauged(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
-    """Return the pressures of a gauge whose span was set against a wrong weight."""
-    return replace(inputs, pressure=inputs.pressure * TRUE_WEIGHT / STATED_WEIGHT)
-
-
-def of_batches(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
-    """Return actuators of which one batch has too little water: a gel's modulus goes with c²."""
-    dense = (tests["batch"] == DENSE).to_numpy()[:, None]
-    concentration = np.where(dense, 1.0 / (1.0 - MISSING_WATER), 1.0)
-    return _times(inputs, concentration**2)
-
-
-def in_warmth(inputs: Inputs, tests: pd.DataFrame) -> Inputs:
-    """Return actuators at the temperatures of their tests, films having been pulled at another.
-
-    A modulus goes with the square of the helices' share, which falls linearly to the melting point.
-    """
-    warmth = tests["temperature_C"].to_numpy(float)[:, None]
-    return _times(inputs, ((MELTING - warmth) / (MELTING - OF_FILMS)) ** 2)
-
-
-def _times(inputs: Inputs, factor: Floats) -> Inputs:
-    """Return inputs of a body that is stiffer by a factor, and its paper not."""
-    return replace(inputs, c1=factor * inputs.c1, c2=factor * inputs.c2, c3=factor * inputs.c3)
-
-
-MOISTURE, EQUATION_6 = 0.2, 0.8574  # by total mass, before degradation; dry mass lost over the rate
-DRY_DENSITY = 3.0 / (2.0 / 1.35 + 1.0 / 1.26)  # g/cm³, of gelatin and glycerol 2 : 1 by mass
 TRUE_WEIGHT, STATED_WEIGHT = 26.0, 25.0  # of the dead-weight tester, N
-DENSE, MISSING_WATER = "B", 0.09  # of the mass of its mixture
-MELTING, OF_FILMS = 80.0, 22.0  # °C
 SHARE, RELAXATION = 0.11, 27.0  # of the stress that relaxes, and its time [s]
-SOFTENED, ENERGY = 0.16, 0.02  # in the end; energy about which it sets in [C1]
+SOFTENED = 0.16  # in the end
 REACH = 1.5  # mm that what degrades comes into the walls
 OFF = 0.5  # of the length, of the paper at 25 %
-# of what comes off; on `COARSE` it does a sixth more than on a mesh of vanishing elements
-MIDDLE = Resolution(along=1.8, across=1.3, up=2.5)
+
+
+def _met(name: str) -> Met | None:
+    """Return what the mechanics meets of an effect of the usual size."""
+    return HAPPENS[name](1.0, np.random.default_rng(0)).met
+
 
 PLANTED = {
     "degradation_misread": Planted(
@@ -247,12 +174,12 @@ PLANTED = {
     "creep": Planted(
         "history",
         {"creep": {"amount": SHARE / (1.0 - SHARE), "time_constant": RELAXATION / (1.0 - SHARE)}},
-        memory=viscous,
+        memory=viscous(SHARE, RELAXATION),
     ),
     "humidity_drift": Planted(
         "history", {"humidity_drift": {"stiffening": 0.15, "time_constant": 900.0}}
     ),
-    "mullins": Planted("history", {"mullins": {"softening": SOFTENED}}, memory=softened),
+    "mullins": Planted("history", {"mullins": {"softening": SOFTENED}}, memory=softened(SOFTENED)),
     "offset_and_curvature_reading": Planted(
         "careful",
         {
@@ -270,12 +197,14 @@ PLANTED = {
     "outside_one_batch": Planted(
         "angle", {"outside_one_batch": {"log_ratio": 0.4}}, levels=EVERY_LEVEL
     ),
-    "degraded_from_surfaces": Planted("careful", {"degraded_skin": {}}, 3, memory=from_surfaces),
+    "degraded_from_surfaces": Planted(
+        "careful", {"degraded_skin": {}}, 3, memory=from_surfaces(REACH)
+    ),
     "delamination": Planted(
-        "careful", {"delamination": {"looseness": 1.0}}, 3, mounting=coming_off
+        "careful", {"delamination": {"looseness": 1.0}}, 3, mounting=off_end(OFF)
     ),
     "degraded_shrinkage": Planted(
-        "careful", {"degraded_shrinkage": {"lost_volume": 0.307}}, met=shrunken
+        "careful", {"degraded_shrinkage": {"lost_volume": 0.307}}, met=_met("degraded_shrinkage")
     ),
     "degradation_scale": Planted(
         "careful",
@@ -283,12 +212,14 @@ PLANTED = {
         levels=EVERY_LEVEL,
         recorded=on_dry_basis,
     ),
-    "gauge_gain": Planted("careful", {"gauge_gain": {"gain": 0.04}}, met=misgauged),
+    "gauge_gain": Planted(
+        "careful", {"gauge_gain": {"gain": 0.04}}, met=misgauged(TRUE_WEIGHT, STATED_WEIGHT)
+    ),
     "batch_stiffness": Planted(
         "careful",
         {"batch_stiffness": {"second": 0.189}},
         3,
-        met=of_batches,
+        met=_met("batch_stiffness"),
         noted={"batch": ("A", DENSE, "A")},
         noted_of_films={"batch": "A"},
     ),
@@ -297,7 +228,7 @@ PLANTED = {
         {"temperature_softening": {"softening": 0.035}},
         3,
         (0.0, 25.0),
-        met=in_warmth,
+        met=_met("temperature_softening"),
         noted={"temperature_C": (19.0, 22.0, 27.0)},
         noted_of_films={"temperature_C": OF_FILMS},
     ),
@@ -368,11 +299,9 @@ def rewrite(path: Path, recorded: Callable[[Floats], Floats]) -> None:
     path.write_text(comments + text, encoding="utf-8")
 
 
-def meeting(
-    met: Callable[[Inputs, pd.DataFrame], Inputs], table: pd.DataFrame, forward: ForwardMap
-) -> ForwardMap:
+def meeting(met: Met, table: pd.DataFrame, forward: ForwardMap) -> ForwardMap:
     """Return a map of mechanics that meets something else than what was set and cast."""
-    tests = table.drop_duplicates("specimen_id")
+    tests = Tests(table)
     return lambda inputs: forward(met(inputs, tests))
 
 

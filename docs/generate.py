@@ -347,10 +347,15 @@ def validation_pages(figures: Path) -> dict[str, str]:
     figures.mkdir(parents=True, exist_ok=True)
     for name in ("calibration.svg", "rupture.svg"):
         shutil.copy(BENCHMARKS / name, figures / name)
-    record = BENCHMARKS / "hidden_effects.jsonl"
+    records = {
+        name: BENCHMARKS / f"{name}.jsonl" for name in ("hidden_effects", "hidden_by_physics")
+    }
     published = "\n".join(_published(folder) for folder in sorted(REPORTS.iterdir()))
     return {
-        "validation/hidden_effects.inc": facts.tables_of_hidden_effects(record),
+        **{
+            f"validation/{name}.inc": facts.tables_of_hidden_effects(record)
+            for name, record in records.items()
+        },
         "validation/reports.inc": published,
     }
 
