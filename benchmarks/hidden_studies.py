@@ -54,7 +54,7 @@ USUAL: Mapping[str, Mapping[str, float]] = {
     "initial_curvature": {"mismatch": 0.017},
     "paper_slack": {"slack": 0.015},
     "shrinkage_reading": {"scale_error": -0.12},
-    "pressure_loss": {"fraction": 0.12, "gas_share": 0.0},
+    "pressure_loss": {"fraction": 0.12},
     "pressure_offset": {"offset": 8.0},
     "creep": {"amount": 0.06, "time_constant": 30.0},
     "humidity_drift": {"stiffening": 0.08, "time_constant": 900.0},

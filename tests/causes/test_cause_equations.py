@@ -67,32 +67,18 @@ def test_pressure_offset_keeps_one_offset_a_walker():
 
 @given(fraction=st.floats(0.0, 0.9), reference=st.floats(0.0, 30.0))
 @settings(max_examples=40)
-def test_a_loss_of_liquid_leaves_a_constant_share(fraction, reference):
+def test_pressure_loss_leaves_a_constant_share(fraction, reference):
     leaked = lose_pressure(
-        inputs_at(PRESSURE, np.array([[reference]])),
-        CONDITIONS,
-        effect(fraction=fraction, gas_share=0.0),
+        inputs_at(PRESSURE, np.array([[reference]])), CONDITIONS, effect(fraction=fraction)
     )
     np.testing.assert_allclose(leaked.pressure[0], (1.0 - fraction) * PRESSURE, rtol=1e-15)
     np.testing.assert_allclose(leaked.reference_pressure[0, 0, 0], (1.0 - fraction) * reference)
 
 
-@given(fraction=st.floats(0.0, 0.9), pressure=st.floats(0.1, 500.0))
-def test_a_loss_of_gas_keeps_the_ratio_of_differences_of_squares(fraction, pressure):
-    """As much flows through the tube as through the leak, each by P₁² − P₂²."""
-    read = np.array([pressure])
-    leaked = lose_pressure(inputs_at(read), CONDITIONS, effect(fraction=fraction, gas_share=1.0))
-    supply, inside, outside = pressure + 101.325, leaked.pressure.item() + 101.325, 101.325
-    tube, leak = supply**2 - inside**2, inside**2 - outside**2
-    assert (1.0 - fraction) * tube == pytest.approx(fraction * leak, rel=1e-6, abs=1e-6)
-
-
 def test_pressure_loss_cannot_be_told_from_stiffer_material():
     """κ depends on p/C1 alone if the paper is stiffened alike."""
     one = np.ones((1, 1))
-    leaked = trained()(
-        lose_pressure(inputs_at(PRESSURE), CONDITIONS, effect(fraction=0.2, gas_share=0.0))
-    )
+    leaked = trained()(lose_pressure(inputs_at(PRESSURE), CONDITIONS, effect(fraction=0.2)))
     stiff = trained()(Inputs(PRESSURE, 0.5 * one, 0 * one, 0.0125 * one, 0.85 * one, 3.75e4 * one))
     np.testing.assert_allclose(leaked.curvature[0], stiff.curvature, rtol=1e-12)
 

@@ -175,8 +175,7 @@ def test_a_stiffer_casting_is_a_loss_of_pressure():
     """But for the share of the paper, which does not stiffen with the gel."""
     inputs, conditions = inputs_of(), conditions_of()
     stiff = find("film_mismatch").on_inputs(inputs, conditions, effect(log_ratio=0.1))
-    lost = effect(fraction=1.0 - np.exp(-0.1), gas_share=0.0)
-    leak = find("pressure_loss").on_inputs(inputs, conditions, lost)
+    leak = find("pressure_loss").on_inputs(inputs, conditions, effect(fraction=1.0 - np.exp(-0.1)))
     scaled = replace(leak, paper_stiffness=leak.paper_stiffness * np.exp(-0.1))
     one, other, near = (surrogate()(i).curvature for i in (stiff, scaled, leak))
     np.testing.assert_allclose(one, other, rtol=1e-11)

@@ -77,9 +77,6 @@ def around(model, sizes, *, width=0.01, seed=0, truth=QUIET):
     return Hypothesis("+".join(names) or NO_CAUSE, extended, centre + width * noise)
 
 
-LEAK = {"pressure_loss.fraction": 0.1, "pressure_loss.gas_share": 0.0}  # of a liquid
-
-
 def alike(model, first, name, low, high, truth=QUIET, others=None):
     """A second cause of the size at which it bends the old tests as the first does."""
 
@@ -251,7 +248,7 @@ def test_thickness_separates_the_walls_from_the_material(model, experiments):
 
 
 def test_only_a_second_gauge_or_a_strip_separates_a_leak_from_the_material(model, experiments):
-    pair = alike(model, LEAK, "film_mismatch.log_ratio", 0.0, 0.6)
+    pair = alike(model, {"pressure_loss.fraction": 0.1}, "film_mismatch.log_ratio", 0.0, 0.6)
     ranked = rank_hypotheses(pair, experiments, np.random.default_rng(6))
     assert ranked[0].experiment.kind == "second gauge"
     assert ranked[0].decisive.expected > 10.0
@@ -300,7 +297,9 @@ def test_a_strip_of_the_paper_tells_softer_paper_from_thinner_walls(model, exper
 
 @pytest.fixture(scope="module")
 def many(model):
-    first, second = alike(model, LEAK, "film_mismatch.log_ratio", 0.0, 0.6)
+    first, second = alike(
+        model, {"pressure_loss.fraction": 0.1}, "film_mismatch.log_ratio", 0.0, 0.6
+    )
     return first, second, around(model, {"wall_thickness.excess": 0.06}, seed=4)
 
 
@@ -670,9 +669,7 @@ def test_readings_of_volumes_have_the_law_that_they_are_ranked_by(swept):
 )
 def test_volumes_come_first_where_the_size_of_the_part_is_in_doubt(swept, other, low, high):
     """They go with its cube: more than a length by calliper, or a bend angle, would tell."""
-    others = {"pressure_loss.gas_share": 0.0} if other in LEAK else None
-    smaller = {"shrinkage_reading.scale_error": -0.15}
-    pair = alike(swept, smaller, other, low, high, ORDINARY, others)
+    pair = alike(swept, {"shrinkage_reading.scale_error": -0.15}, other, low, high, ORDINARY)
     ranked = rank_hypotheses(pair, candidate_experiments(swept), np.random.default_rng(13))
     assert ranked[0].experiment.kind == "cavity volume"
     assert ranked[0].decisive.expected > 20.0
@@ -683,7 +680,7 @@ def test_volumes_tell_walls_from_the_material_and_no_leak_from_it(swept):
     [volumes, *_] = of_kind(candidate_experiments(swept), "cavity volume")
     soft = ("film_mismatch.log_ratio", 0.0, 0.6, ORDINARY)
     walls = alike(swept, {"wall_thickness.excess": 0.1}, *soft)
-    leak = alike(swept, LEAK, *soft)
+    leak = alike(swept, {"pressure_loss.fraction": 0.1}, *soft)
     assert expected_of(walls, volumes) > 2.0
     assert abs(expected_of(leak, volumes)) < 0.2
 

@@ -26,4 +26,5 @@ def test_neither_the_number_of_rows_nor_their_order_changes_a_result(given):
         if forth is None:  # it was not asked for
             assert back is None
             continue
-        np.testing.assert_array_equal(back, forth[order], err_msg=field.name)
+        # the rest of a block may be rounded otherwise, on processors that fuse products and sums
+        np.testing.assert_array_max_ulp(back, forth[order], maxulp=4)

@@ -35,7 +35,8 @@ ALIKE = {
     "paper_softening": {"delamination", "erosion"},
     "delamination": {"paper_softening", "erosion"},
     "initial_curvature": {"wall_thickness", "film_mismatch", "gauge_gain"},
-    "gauge_gain": {"film_mismatch", "initial_curvature"},
+    # within odds of 20 by its prior, though an offset of 23 kPa would be a large one
+    "gauge_gain": {"film_mismatch", "initial_curvature", "wall_thickness", "pressure_offset"},
 }
 NO_ANGLE, WITHOUT = (WALLS, SHRUNK), "without angle"
 FARTHEST = 3.5  # standard deviations of a size
@@ -197,7 +198,7 @@ def test_a_batch_that_was_mixed_wrongly_is_not_taken_for_misread_degradation_rat
     found = verdicts[BATCH].result().plain
     assert (found.outcome, found.causes) == ("unexplained", ())
     assert found.factors["degradation_misread"] > 0.0
-    assert found.p_value > 0.1  # a wider scatter takes the misfit up
+    assert found.p_value <= 0.02  # no wider scatter takes up what a whole batch shares
     assert "degradation_misread" in {
         reason.cause for reason in found.reasons if isinstance(reason, SharedByLevel)
     }

@@ -67,15 +67,6 @@ def test_what_is_called_exact_is_what_the_rule_says(name):
             assert np.allclose(mine, its, rtol=1e-9, atol=1e-12), one.name
 
 
-def test_the_rule_of_a_leak_is_that_of_the_gas():
-    effect, cause = EFFECTS["pressure_loss"], find("pressure_loss")
-    inputs, tests = inputs_of(design_of("pressure_loss"))
-    values = {cause.qualified(k): np.array([v]) for k, v in effect.values.items()}
-    ruled = cause.on_inputs(inputs, conditions_of(tests), cause.effect(values)).pressure
-    # the air's pressure is 101.3 kPa in one and 101.325 in the other
-    assert effect.met(inputs, tests).pressure == pytest.approx(ruled, rel=1e-4)
-
-
 def test_a_trace_above_the_bottom_is_on_a_larger_circle():
     inputs, tests = inputs_of(design_of("curvature_reading"))
     prediction = ClosedFormMap()(inputs)
