@@ -63,6 +63,7 @@ MOISTURE = 0.2  # by total mass, before degradation
 DRY_DENSITY = 3.0 / (2.0 / 1.35 + 1.0 / 1.26)  # g/cm³, of gelatin and glycerol 2 : 1 by mass
 DENSE = "B"  # the batch with too little water
 MELTING, OF_FILMS = 80.0, 22.0  # °C, of the helices, and at which films were pulled
+MOST_SPECIMENS = 100  # of a study
 ALIKE = 0.1  # relative scatter, from actuator to actuator, of how its paper was bonded
 #: Designs with fewer actuators where a field is solved for each: degradation rates and copies.
 SMALL: Mapping[str, tuple[tuple[float, ...], int]] = {
@@ -457,13 +458,12 @@ def cockled(size: float, generator: np.random.Generator) -> Physical:
 
 def dried_on_paper(size: float, generator: np.random.Generator) -> Physical:
     """The gel went on drying on its paper, each actuator a little more or less than the others."""
-    mismatch = min(0.017 * size, 0.027)
+    mismatch, [own] = min(0.017 * size, 0.027), generator.spawn(1)
+    scatter = own.standard_normal(MOST_SPECIMENS)
 
     def met(inputs: Inputs, tests: Tests) -> Inputs:
-        own = 1.0 + ALIKE * np.random.default_rng(len(tests.table)).standard_normal(
-            (len(tests.level), 1)
-        )
-        return replace(inputs, paper_mismatch=mismatch * own)
+        factor = 1.0 + ALIKE * scatter[: len(tests.level), None]
+        return replace(inputs, paper_mismatch=mismatch * factor)
 
     return Physical("initial_curvature", {"mismatch": mismatch}, exact=False, met=met)
 

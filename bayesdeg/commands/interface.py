@@ -90,8 +90,9 @@ def run(
     trained first; in a terminal, and without --yes, the command says how long that takes and asks
     before it starts. Finite element solutions are kept in .cache/campaign, emulators in
     .cache/emulators. With --refine it is corrected by 16 to 32 fine curves where the study's
-    posterior lies, until its own error moves no posterior mean by more than 0.1 standard
-    deviations; how far that is reached stands in run.json and in the report.
+    posterior lies, until its own error, as curves left out tell it, moves no posterior mean
+    by more than 0.1 standard deviations; how far that is reached stands in run.json and in the
+    report.
     """
 
 

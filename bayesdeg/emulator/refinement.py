@@ -64,11 +64,8 @@ REFINING = FitPlan(
 )
 """Terms of the correction: what is left of a map that was fitted already is wavy, and its waves
 are small."""
-SHARES = (
-    0.3,
-    0.6,
-    1.0,
-)  # of the largest load asked for, at which errors away from it are looked at
+SHARES = (0.3, 0.6, 1.0)
+"""Of the largest load asked for, at which errors away from the posterior are looked at."""
 MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
 FEWEST = 4  # curves with which something can be left out
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.fit.level_scatter import within_levels
+from bayesdeg.criticism.fit.level_scatter import CLEAR, within_levels
 from bayesdeg.criticism.fit.linear import Whitening, linearise
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from tests.criticism.linear_case import tight_model
@@ -98,6 +98,20 @@ def test_scatter_of_each_specimen_stays_what_it_was_fitted_to_be():
     for seed in range(12):
         linear, uncertain = fitted(seed, shared=0.0, own=0.1)
         assert within_levels(linear, uncertain, linear.mode) is linear
+
+
+@pytest.mark.parametrize(("rates", "copies"), [(6, 3), (3, 2), (1, 5)])
+def test_chance_passes_the_threshold_in_one_or_two_studies_of_a_thousand(rates, copies):
+    """One-way layouts without errors of reading, each variance at its best."""
+    deviations = np.random.default_rng(0).standard_normal((20_000, rates, copies))
+    means = deviations.mean(axis=2)
+    within = np.sum((deviations - means[..., None]) ** 2, axis=(1, 2))
+    between, count = copies * np.sum(means**2, axis=1), rates * copies
+    alone = -0.5 * count * np.log((within + between) / count)
+    own, of_rates = within / (count - rates), between / rates
+    together = -0.5 * ((count - rates) * np.log(own) + rates * np.log(of_rates))
+    gain = np.where(of_rates > own, together - alone, 0.0)
+    assert 0.0004 < np.mean(gain > CLEAR) < 0.0025
 
 
 def test_single_specimens_cannot_deviate_together():

@@ -79,11 +79,16 @@ class Whitening:
             If V is not positive definite. Numbers that are not finite are kept.
         """
         lower, inverse = _blocks(scatter)
-        vectors, size, _ = np.linalg.svd(_finite(inverse @ shared), full_matrices=False)
+        nothing = np.zeros((len(scatter), 0))
+        return cls(lower, inverse, nothing, np.zeros(0)).sharing(shared)
+
+    def sharing(self, shared: Floats) -> "Whitening":
+        """Return that of the same scatter with something else shared, (n, r)."""
+        vectors, size, _ = np.linalg.svd(_finite(self.inverse @ shared), full_matrices=False)
         kept = size > FAINT * size.max(initial=1.0)
         if not np.all(np.isfinite(shared)):
             vectors = np.full_like(vectors, np.nan)
-        return cls(lower, inverse, vectors[:, kept], size[kept])
+        return replace(self, basis=vectors[:, kept], size=size[kept])
 
     @cached_property
     def is_finite(self) -> bool:
