@@ -42,8 +42,8 @@ class Recipe:
     seed : int
         Of the design.
     further : bool
-        Whether the second stage follows, where the first was found least certain; it belongs to
-        the default numbers and seed alone.
+        Whether further stages follow: a second one where the first was found least certain, and a
+        third one of single causes; they belong to the default numbers and seed alone.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Recipe:
     further: bool = True
 
     @property
-    def has_second_stage(self) -> bool:
+    def has_further_stages(self) -> bool:
         """Whether further runs follow the first stage."""
         return self.further and (self.coarse_runs, self.fine_runs, self.seed) == FIRST_STAGE
 
