@@ -11,10 +11,10 @@ Equation
     the weight, is counted as zero.
 
 Typical size
-    ρ = 1100–1250 kg/m³ by the recipe. Readings of a fresh default actuator change by −1.6 % where
-    it hangs, by +1.0 % (20 kPa) to +0.3 % where it bends up, by less than 0.6 % where it bends
-    down; of a 25 % degraded one by less than 0.5 %. Within the emulator's range for
-    ρ s/C1 below 5.3 t/m³ over MPa: up to 1800 kg/m³ in fresh material.
+    ρ = 1100–1250 kg/m³ by the recipe. Readings of a fresh default actuator change by −1.5 to
+    −1.8 % where it hangs; where it bends up or down by less than 0.3 % up to 120 kPa, and by
+    +0.5 % and −0.6 % at 240 kPa; of a 25 % degraded one by −0.4 % where it hangs. Within the
+    emulator's range for ρ s/C1 below 5.3 t/m³ over MPa: up to 1800 kg/m³ in fresh material.
 
 Revealed by
     A difference between mounts, in soft specimens and at low pressure.

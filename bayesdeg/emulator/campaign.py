@@ -50,6 +50,7 @@ from bayesdeg.emulator.regression import (
     Reach,
     Regression,
     fit,
+    half_ranges,
     observe,
     observe_force,
     reach,
@@ -58,7 +59,14 @@ from bayesdeg.emulator.regression import (
 from bayesdeg.emulator.scaling import CAUSES, NAMES, ONE, Place, TrainingRange, Units
 from bayesdeg.emulator.solutions import Kind, Run, Solution, SolutionStore
 from bayesdeg.emulator.surrogate import OUTPUTS, FurtherTerms, Surrogate
-from bayesdeg.emulator.terms import N_CHEBYSHEV, Family, Terms, features, stacked
+from bayesdeg.emulator.terms import (
+    N_CHEBYSHEV,
+    Family,
+    Terms,
+    feature_gradients,
+    features,
+    stacked,
+)
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.workers import Supervised, solve
 from bayesdeg.errors import BayesdegError
@@ -642,10 +650,9 @@ def with_forces(
 
 SMALL = ("paper_mismatch", "gravity_along", "gravity_up")
 """Causes whose whole effect is a few percent, smooth, and as large as many terms are wrong."""
-_SMOOTH = Family((12, 5, 5, 4), (4, 3, 3, 2), tuple(2 * (cause.name in SMALL) for cause in CAUSES))
-_AGAIN = FitPlan(ANGLES, True, _SMOOTH, _SMOOTH, *(2 * [Prior(0.8, 0.6, 0.6, 5e-2)]))
-LEAST_READING = 0.5  # weight of a reading: a small weight shows where others are small too
-OLD, OLD_CURVES, OLD_SEED = 0.1, 256, 5
+_SMOOTH = Family((0, 0, 0, 0), (4, 3, 3, 2), tuple(2 * (cause.name in SMALL) for cause in CAUSES))
+_AGAIN = Prior(0.8, 0.6, 0.6, 5e-2)
+OLD, OLD_CURVES, OLD_SEED = 0.03, 256, 5
 """Weight of what the terms said before, at how many curves of the whole range, and their seed: no
 curve was solved anew there."""
 
@@ -667,31 +674,41 @@ def with_small_effects(
         Curves with one cause each, and what was solved of them.
     """
     span = surrogate.span
-    whole = terms_below(surrogate, _AGAIN)[0]
+    whole = terms_below(surrogate, _ANGLES)[0]
     mine = _of_small_causes_alone(whole.orders)
     rest, old = (Terms(whole.orders[k], whole.coefficients[:, k]) for k in (~mine, mine))
     runs = learned((curves, samples), span, surrogate.length, STEEPEST)
-    gaps = [
-        gap_of(
-            replace(run, weights=np.maximum(run.weights, LEAST_READING)),
-            _SMOOTH,
-            (rest,),
-            _AGAIN,
-            span,
-        )
-        for run in runs.values()
-    ]
-    orders = _SMOOTH.orders
+    orders = _SMOOTH.orders[_of_small_causes_alone(_SMOOTH.orders)]
     before = _as_before(old, orders, span)
-    best = fit([*gaps, before], orders, _AGAIN.prior, outputs=len(ANGLES))
-    new = _of_small_causes_alone(orders)
-    changed = summed(rest, Terms(orders[new], best.coefficients[:, new]))
+    best = fit(
+        [*(_slopes_of(run, orders, rest, span) for run in runs.values()), before],
+        orders,
+        _AGAIN,
+        outputs=len(ANGLES),
+    )
+    changed = summed(rest, Terms(orders, best.coefficients))
     terms = stacked(
         [(changed if k in ANGLES else surrogate.terms).output(k) for k in range(len(OUTPUTS))]
     )
     record = json.loads(surrogate.record)
     record |= {"terms": len(terms.orders), "fine_curves": record["fine_curves"] + len(curves)}
     return replace(surrogate, terms=terms, record=json.dumps(record, indent=1))
+
+
+def _slopes_of(run: Observed, orders: Indices, rest: Terms, span: TrainingRange) -> Equations:
+    """Return the equations of a run's derivatives by `SMALL` causes, over half of their ranges."""
+    axes = [NAMES.index(name) for name in SMALL]
+    sizes, place = half_ranges(span), run.coordinates
+    slopes, below = (feature_gradients(which, place.points) for which in (orders, rest.orders))
+    matrix, targets = [], []
+    for k in axes:
+        along, known = (
+            np.einsum("npt,np->nt", part, place.jacobian[:, :, k]) for part in (slopes, below)
+        )
+        wanted = run.gradients[:, list(ANGLES), k] - place.warp_gradient[:, k, None]
+        matrix.append(sizes[k] * along)
+        targets.append(sizes[k] * (wanted - known @ rest.coefficients.T))
+    return Equations(np.vstack(matrix), np.vstack(targets), 0)
 
 
 def _of_small_causes_alone(orders: Indices) -> NDArray[np.bool_]:
@@ -715,10 +732,8 @@ def _as_before(old: Terms, orders: Indices, span: TrainingRange) -> Equations:
         points += [[load, *values.values()] for load in loads]
     at = coordinates(np.array(points)).points
     at[:, 0] = np.minimum(at[:, 0], 1.0)
-    matrix = features(orders, at)
-    matrix[:, ~_of_small_causes_alone(orders)] = 0.0
     targets = features(old.orders, at) @ old.coefficients.T
-    return Equations(OLD * matrix, OLD * targets, len(at))
+    return Equations(OLD * features(orders, at), OLD * targets, len(at))
 
 
 def counted(

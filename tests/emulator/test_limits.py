@@ -1,9 +1,11 @@
 """The limit of curves, fitted to limits that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bayesdeg.emulator.campaign import fit_limit
+from bayesdeg.emulator.campaign import NEAR, UNKNOWN_SHIFT, fit_limit
 from bayesdeg.emulator.coordinates import coordinates, scaled_cause
 from bayesdeg.emulator.design import space_filling
 from bayesdeg.emulator.regression import Reach
@@ -67,6 +69,26 @@ def test_bounds_below_the_limit_leave_it_as_it_is():
     both = fit_limit([*reaches_of(PLACES), *low])
     assert np.max(np.abs(fitted(both, FRESH)[0] - fitted(known, FRESH)[0])) < 5e-3
     assert len(both.left_out) == COUNT  # no error is known where the limit is not
+
+
+def test_three_ends_count_among_many_curves_that_stop_far_below():
+    """As of one study: its stiff materials are asked for loads far below where they balloon."""
+    ground = fit_limit(reaches_of(PLACES)).terms.output(0)
+    earlier = 0.17  # another actuator's curves end so much earlier in ln load
+    ended = [replace(one, load=one.load * np.exp(-earlier)) for one in reaches_of(FRESH[:3])]
+    low = reaches_of(FRESH[3:40], lower=0.3)
+    found = fit_limit([*low, *ended], family=NEAR.limit, ground=ground)
+    error = fitted(found, FRESH[:3])[0] - (log_limit(FRESH[:3]) - earlier)
+    assert np.max(np.abs(error)) < 5e-3
+    assert np.max(np.abs(found.left_out)) < 0.03
+
+
+def test_an_end_that_no_fine_curve_showed_is_less_certain():
+    ended, low = reaches_of(PLACES), reaches_of(FRESH[:2], lower=0.5)
+    sd, less_certain = (
+        fitted(fit_limit(ended, fine), FRESH)[1].min() for fine in (reaches_of(FRESH[:2]), low)
+    )
+    assert less_certain == pytest.approx(np.hypot(sd, UNKNOWN_SHIFT), rel=1e-6)
 
 
 @pytest.mark.parametrize("index", range(4))

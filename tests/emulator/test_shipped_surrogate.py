@@ -57,7 +57,7 @@ def test_it_is_of_the_default_geometry_recipe_and_model(shipped, record):
     assert record["fine_mesh_mm"] == vars(Recipe().fine_mesh)
     assert record["seed"] == Recipe().seed
     assert "Sobol" in record["design"]
-    assert (record["coarse_curves"], record["fine_curves"]) == (576, 120)
+    assert (record["coarse_curves"], record["fine_curves"]) == (576, 180)
     assert record["terms"] == len(shipped.terms.orders)
     assert shipped.length == Dimensions().length
     assert surrogate_for(Geometry(Dimensions())).record == shipped.record
