@@ -12,7 +12,7 @@ Equation
 Typical size
     The shape at rest has −3.0 1/m for each percent of ε_m in a fresh, −2.3 1/m in a 25 % degraded
     specimen (default actuator), so the observed 1–10 1/m are ε_m = 0.3–3 %. The readings change by
-    0.5–0.8 % for each percent only: hardly visible without a reading at rest. The emulator is
+    0.5–0.9 % for each percent only: hardly visible without a reading at rest. The emulator is
     trained from −2 to 3 %, which is where the prior ends.
 
 Revealed by

@@ -186,7 +186,7 @@ def test_a_stiffer_casting_is_a_loss_of_pressure():
 def test_prestress_by_shrinking_is_hardly_seen():
     fresh, degraded = changed("initial_curvature", mismatch=0.01)
     for found in (fresh, degraded):
-        assert np.all((found > 0.3) & (found < 0.9))
+        assert np.all((found > 0.3) & (found < 1.0))
 
 
 def test_the_second_invariant_takes_most_at_high_pressure_in_fresh_material():

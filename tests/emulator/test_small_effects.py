@@ -108,7 +108,7 @@ def test_far_from_all_curves_what_was_known_stays():
         @ s.terms.coefficients[0]
         for s in (plain, again)
     )
-    assert np.sqrt(np.mean((one - other) ** 2)) < 0.15 * np.sqrt(np.mean(one**2))
+    assert np.sqrt(np.mean((one - other) ** 2)) < 0.2 * np.sqrt(np.mean(one**2))
 
 
 def test_the_record_counts_the_curves(mended):
