@@ -648,7 +648,7 @@ def with_forces(
     return replace(surrogate, further=answers, record=json.dumps(record, indent=1))
 
 
-SMALL = ("paper_mismatch", "gravity_along", "gravity_up")
+SMALL = ("skin", "paper_mismatch", "gravity_along", "gravity_up")
 """Causes whose whole effect is a few percent, smooth, and as large as many terms are wrong."""
 _SMOOTH = Family((0, 0, 0, 0), (4, 3, 3, 2), tuple(2 * (cause.name in SMALL) for cause in CAUSES))
 _AGAIN = Prior(0.8, 0.6, 0.6, 5e-2)
