@@ -5,17 +5,19 @@ the emulator is that was trained for it.
 
 Each geometry has a virtual study in ``benchmarks/geometries_studies``: films and 18 actuators of
 the gelatin study on a finer mesh than any emulator's, an offset of the pressure hidden in it
-(``--make`` makes it, some ten minutes on two cores; that of ``long`` was not made yet, and is
-asked for by ``--only``). An emulator is trained where the study lies, and the study is run with it.
-Curves that the study may ask for and that no training saw are then solved on the emulator's own
-mesh. What is solved is kept in ``.cache/geometries``; times of what was found there are those that
-were measured then.
+(``--make`` makes it, some ten minutes on two cores; that of ``long`` was not made yet, and is asked
+for by ``--only``). An emulator is trained where the study lies, and the study is run with it.
+Curves at draws of the study's posterior, and others that it may ask for before its readings are
+known, none of which training saw, are then solved on the emulator's own mesh. What is solved is
+kept in ``.cache/geometries``; times of what was found there are those that were measured then.
 
 Keys, each the worst of the geometries: ``minutes`` from reading the study to the report,
-``training_minutes`` of them, ``error_p95_pct`` of curvature and bend angle over the largest value
-of a curve, ``stretch_p95_pct`` of the peak stretch less 1 likewise, ``limit_pct`` of pressures at
-which curves end, where some do, ``posterior_shift`` the largest shift of a posterior mean in sds
-when exact curves of the emulator's mesh take its place (``emulator_posterior``).
+``training_minutes`` of them, at draws of the posterior ``error_p95_pct`` of curvature and bend
+angle over the largest value of a curve, ``stretch_p95_pct`` of the peak stretch less 1 likewise and
+``limit_pct`` of pressures at which curves end, where some do, ``error_p95_before_pct`` of curvature
+and bend angle at what may be asked before readings are known, ``posterior_shift`` the largest shift
+of a posterior mean in sds when exact curves of the emulator's mesh take its place
+(``emulator_posterior``).
 """
 
 import argparse
@@ -40,7 +42,7 @@ from bayesdeg.commands.training import LOCAL, Manner, emulator_for
 from bayesdeg.console import errors
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.campaign import complete
-from bayesdeg.emulator.local import curves_of, span_of
+from bayesdeg.emulator.local import AskedInputs, curves_of, span_of
 from bayesdeg.emulator.regression import reach
 from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -50,6 +52,7 @@ from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.pipeline.emulation import asked_of
+from bayesdeg.pipeline.refinement import posteriors_of
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]
@@ -122,10 +125,9 @@ def trained(name: str, study: Study, workers: int) -> tuple[Surrogate, float]:
     return found, float(json.loads(kept.read_text(encoding="utf-8"))["training"])
 
 
-def held_out(study: Study, count: int, workers: int) -> list[HeldOut]:
-    """Return curves that the study may ask, on the mesh that its emulator stands for."""
+def held_out(study: Study, asked: AskedInputs, count: int, workers: int) -> list[HeldOut]:
+    """Return curves at draws, on the mesh that the study's emulator stands for."""
     geometry = Geometry(study.settings.dimensions)
-    asked = asked_of(study, SEED)
     curves = curves_of(asked, span_of(asked, wider=0.0), count, seed=SEED)
     store, mesh = SolutionStore(CACHE / "held_out"), LOCAL(geometry.dimensions).fine_mesh
     runs = [Run(geometry, mesh, curve, Kind.CURVE) for curve in curves]
@@ -175,8 +177,9 @@ def judged(name: str, workers: int, curves: int, exact_draws: int) -> Json:
     _bayesdeg("run", folder, "--out", out, "--workers", workers, "--yes", "--fresh")
     running = (time.perf_counter() - begun) / 60.0
     verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
-    seen = held_out(study, curves, workers)
+    seen = held_out(study, posteriors_of(study, surrogate, SEED).asked, curves, workers)
     worst, ends = errors_of(surrogate, seen)
+    before, _ = errors_of(surrogate, held_out(study, asked_of(study, SEED), curves, workers))
     shift = shifted(study, surrogate, workers, exact_draws) if exact_draws else None
     p95 = np.quantile(worst, 0.95, axis=0)
     record = json.loads(surrogate.record)
@@ -186,6 +189,7 @@ def judged(name: str, workers: int, curves: int, exact_draws: int) -> Json:
         "error_p95_pct": float(p95[:2].max()),
         "stretch_p95_pct": float(p95[2]),
         "limit_pct": max(ends, default=None),
+        "error_p95_before_pct": float(np.quantile(before[:, :2].max(axis=1), 0.95)),
         "posterior_shift": shift,
         "curves_answered": f"{len(worst)} of {len(seen)}",
         "coarse_and_fine_curves": [record["coarse_curves"], record["fine_curves"]],
@@ -222,6 +226,7 @@ def main() -> None:
         "error_p95_pct",
         "stretch_p95_pct",
         "limit_pct",
+        "error_p95_before_pct",
         "posterior_shift",
     )
     worst = {

@@ -3,7 +3,7 @@
 import csv
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -24,11 +24,13 @@ from bayesdeg.emulator.kept import (
     CACHE,
     Recipe,
     duration,
+    has_ground,
     local_recipe,
 )
 from bayesdeg.emulator.local import (
     MORE_COARSE,
     MORE_FINE,
+    REFINABLE_PCT,
     ROUNDS,
     TARGET_OUTSIDE,
     TARGET_PCT,
@@ -41,6 +43,7 @@ from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import ANSWERS, Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import (
+    asked_for,
     covering,
     find,
     is_refined,
@@ -64,6 +67,7 @@ from bayesdeg.pipeline.emulation import (
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.refinement import (
+    LAST_ROUNDS,
     REFINING_ROUNDS,
     TARGET_SHIFT,
     ErrorLeft,
@@ -177,7 +181,7 @@ def _known(
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
         if surrogate.units != first.units or wanting or is_refined(surrogate.record):
             continue
-        if path == own or _is_good(_asked_after(study, surrogate, manner), first):
+        if path == own or _is_good(_asked_after(study, surrogate, manner), first, TARGET_PCT):
             return surrogate
     return None
 
@@ -194,12 +198,12 @@ def _asked_after(study: Study, surrogate: Surrogate, manner: Manner) -> AskedAft
         return asked_after(study, surrogate, study.settings.seed)
 
 
-def _is_good(found: AskedAfterwards, design: LocalDesign) -> bool:
+def _is_good(found: AskedAfterwards, design: LocalDesign, wanted_pct: float) -> bool:
     """Return whether an emulator does well enough where the posterior lies.
 
     What the one that ships misses itself no curves mend that are solved beside it.
     """
-    is_exact = design.only_departure or found.error_pct <= TARGET_PCT
+    is_exact = design.only_departure or found.error_pct <= wanted_pct
     return is_exact and found.outside <= TARGET_OUTSIDE
 
 
@@ -226,19 +230,26 @@ def train_where_asked(
     """
     geometry, store = geometry_of_study(study.settings), SolutionStore(STORE)
     recipe, design = LOCAL(geometry.dimensions), first
+    is_refined_last = has_ground(geometry) and not first.only_departure and LAST_ROUNDS > 0
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design)
         surrogate = completed(campaign, manner)
         if more == ROUNDS:
             break
         found = _asked_after(study, surrogate, manner)
-        good = _is_good(found, design)
-        _say_where(found, manner, good=good)
+        wanted = REFINABLE_PCT if is_refined_last else TARGET_PCT
+        good = _is_good(found, design, wanted)
+        _say_where(found, wanted, manner, good=good)
         if good:
             break
         added = replace(recipe, coarse_runs=MORE_COARSE, fine_runs=MORE_FINE, seed=more + 1)
         design = design.further(found.asked, added)
-    _keep(campaign, _kept_for(geometry, first), surrogate, manner)
+    campaigns = [campaign]
+    if is_refined_last:
+        base = Campaign(geometry, recipe, store, executor)
+        last, surrogate = _refined(study, surrogate, base, LAST_ROUNDS, manner)
+        campaigns.append(last)
+    _keep(campaigns, _kept_for(geometry, first), surrogate, manner)
     return surrogate
 
 
@@ -269,21 +280,30 @@ def refined_emulator(
         If too few curves say anything.
     """
     geometry = geometry_of_study(study.settings)
-    campaign = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), executor)
-    found = ground
-    for number in range(REFINING_ROUNDS):
+    base = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), executor)
+    campaign, refined = _refined(study, ground, base, REFINING_ROUNDS, manner)
+    found = replace(refined, record=asked_for(refined.record))
+    key = sha256((campaign.key() + ground.record).encode()).hexdigest()
+    _keep([campaign], CACHE / f"{key[:16]}.npz", found, manner)
+    return found
+
+
+def _refined(
+    study: Study, ground: Surrogate, base: Campaign, rounds: int, manner: Manner
+) -> tuple[Campaign, Surrogate]:
+    """Return an emulator corrected in up to so many rounds, and what was solved for it."""
+    campaign, found = base, ground
+    for number in range(rounds):
         with shown(manner.quiet) as progress:
             progress.stage("where the posterior lies")
             posteriors = posteriors_of(study, found, study.settings.seed)
         campaign = refining_campaign(campaign, posteriors, ground, number)
         solved = _worked(campaign, manner, solve_campaign)
         found, left = refined_by(campaign, solved, posteriors, ground)
-        _say_left(left, manner, last=number + 1 == REFINING_ROUNDS)
+        _say_left(left, manner, last=number + 1 == rounds)
         if left.is_small:
             break
-    key = sha256((campaign.key() + ground.record).encode()).hexdigest()
-    _keep(campaign, CACHE / f"{key[:16]}.npz", found, manner)
-    return found
+    return campaign, found
 
 
 def _say_left(left: ErrorLeft, manner: Manner, *, last: bool) -> None:
@@ -307,7 +327,7 @@ def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
         If the user does not want to wait, or stops it.
     """
     surrogate = completed(campaign, manner)
-    _keep(campaign, path, surrogate, manner)
+    _keep([campaign], path, surrogate, manner)
     return surrogate
 
 
@@ -345,10 +365,10 @@ def _worked[Result](
         raise Stopped(_what_stays(campaign)) from stop
 
 
-def _keep(campaign: Campaign, path: Path, surrogate: Surrogate, manner: Manner) -> None:
+def _keep(campaigns: Sequence[Campaign], path: Path, surrogate: Surrogate, manner: Manner) -> None:
     """Write the emulator, and what ended how."""
     write_trained(path, surrogate)
-    ended = endings(campaign)
+    ended = [end for campaign in campaigns for end in endings(campaign)]
     listed = list_failures(path, ended)
     if not manner.quiet:
         errors.print(runs_table(ended))
@@ -357,7 +377,7 @@ def _keep(campaign: Campaign, path: Path, surrogate: Surrogate, manner: Manner) 
         errors.print(accuracy_table(surrogate))
 
 
-def _say_where(found: AskedAfterwards, manner: Manner, *, good: bool) -> None:
+def _say_where(found: AskedAfterwards, wanted_pct: float, manner: Manner, *, good: bool) -> None:
     if manner.quiet:
         return
     then = "" if good else "; further curves are solved there"
@@ -369,7 +389,7 @@ def _say_where(found: AskedAfterwards, manner: Manner, *, good: bool) -> None:
     )
     _print(
         f"where the posterior lies the emulator's standard error is {found.error_pct:.2g} % "
-        f"(wanted: {TARGET_PCT:g} %), and {100.0 * found.outside:.2g} % of it is outside its range"
+        f"(wanted: {wanted_pct:g} %), and {100.0 * found.outside:.2g} % of it is outside its range"
         f"{ends}{then}"
     )
 

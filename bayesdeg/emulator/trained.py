@@ -175,15 +175,25 @@ def covering(
             yield path, surrogate
 
 
+ASKED_FOR = "asked_for"
+
+
+def asked_for(record: str) -> str:
+    """Return the record of a refined emulator that says that a run asked for it."""
+    facts = json.loads(record)
+    facts["refinement"][ASKED_FOR] = True
+    return json.dumps(facts, indent=1)
+
+
 def is_refined(record: str) -> bool:
-    """Return whether an emulator was corrected where one posterior lies, which a run asks for.
+    """Return whether an emulator was corrected where one posterior lies since a run asked for it.
 
     Examples
     --------
     >>> is_refined(default_surrogate().record)
     False
     """
-    return "refinement" in json.loads(record)
+    return ASKED_FOR in json.loads(record).get("refinement", {})
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:

@@ -217,6 +217,7 @@ def trains(command, monkeypatch):
         (command.study / name).unlink()
     monkeypatch.setattr(training, "LOCAL", lambda _dimensions: TINY)
     monkeypatch.setattr(training, "ROUNDS", 0)
+    monkeypatch.setattr(training, "LAST_ROUNDS", 0)
     return command
 
 

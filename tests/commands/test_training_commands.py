@@ -39,6 +39,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "RECIPE", RECIPE)
     monkeypatch.setattr(training, "LOCAL", lambda _dimensions: RECIPE)
     monkeypatch.setattr(training, "ROUNDS", 0)
+    monkeypatch.setattr(training, "LAST_ROUNDS", 0)
     monkeypatch.setattr(emulation, "build", build)
     (tmp_path / "tiny.toml").write_text(TABLE, encoding="utf-8")
     (tmp_path / "study").mkdir()

@@ -171,6 +171,7 @@ def trains(command, monkeypatch):
         (command.study / name).unlink()
     monkeypatch.setattr(training, "LOCAL", lambda _dimensions: TINY)
     monkeypatch.setattr(training, "ROUNDS", 0)
+    monkeypatch.setattr(training, "LAST_ROUNDS", 0)
     monkeypatch.setattr(local, "DEPARTING", 6)
     monkeypatch.setattr(local, "DEPARTING_FINE", 1)
     monkeypatch.setattr(run_command, "run_study", run_study)

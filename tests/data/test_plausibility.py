@@ -404,6 +404,13 @@ def test_the_bending_of_a_beam_depends_on_its_shape_alone(scale):
     assert bending_of_beam(Dimensions(**lengths)) == pytest.approx(bending_of_beam(Dimensions()))
 
 
+def test_a_block_without_slots_is_not_doubted_for_bending_little():
+    folder = Path(__file__).parents[2] / "benchmarks" / "geometries_studies" / "inner_channels"
+    study = read_study(folder)
+    assert study.settings.dimensions.gap == 0.0
+    assert doubts(study, outline(study).expected) == ()
+
+
 VALUES = st.one_of(
     st.floats(-10.0, 1e3),
     st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e300, -1e300, 0.25]),
