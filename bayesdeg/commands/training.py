@@ -21,6 +21,7 @@ from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import (
+    AT_THE_POSTERIOR,
     CACHE,
     Recipe,
     duration,
@@ -231,8 +232,9 @@ def train_where_asked(
     geometry, store = geometry_of_study(study.settings), SolutionStore(STORE)
     recipe, design = LOCAL(geometry.dimensions), first
     is_refined_last = has_ground(geometry) and not first.only_departure and LAST_ROUNDS > 0
+    last_curves = AT_THE_POSTERIOR if is_refined_last else 0
     for more in range(ROUNDS + 1):
-        campaign = Campaign(geometry, recipe, store, executor, design=design)
+        campaign = Campaign(geometry, recipe, store, executor, design=design, later=last_curves)
         surrogate = completed(campaign, manner)
         if more == ROUNDS:
             break
@@ -399,7 +401,7 @@ def _say(expectation: Expectation, store: Path, manner: Manner) -> None:
         _print(f"training takes {expectation}; solutions are kept in {store}")
     if manner.yes or not (sys.stdin.isatty() and sys.stderr.isatty()):
         return
-    question = f"Train the emulator, {duration(expectation.seconds)}?"
+    question = f"Train the emulator, {duration(expectation.whole_seconds)}?"
     try:
         agreed = typer.confirm(question, default=True, err=True)
     except typer.Abort as stop:

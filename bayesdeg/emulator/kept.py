@@ -333,6 +333,10 @@ MESHES: Mapping[ActuatorKind, tuple[Resolution, Resolution]] = {
 }
 
 
+AT_THE_POSTERIOR = 16
+"""Fine curves with which the training of a pneunet's emulator for one study ends."""
+
+
 def local_recipe(dimensions: Mould) -> Recipe:
     """Return the meshes and the numbers of curves of an emulator that is trained for one study.
 
@@ -382,7 +386,7 @@ def rough_seconds(
     Examples
     --------
     >>> round(rough_seconds(Dimensions()) / 60.0)
-    3
+    10
     >>> rough_seconds(Dimensions(length=100.0), workers=2) > rough_seconds(Dimensions(), workers=2)
     True
     """
@@ -394,6 +398,8 @@ def rough_seconds(
     pairs = len(moved) * (len(moved) - 1) // 2
     many += 2 * len(moved) * DEPARTING + pairs * PAIRED
     few += 2 * len(moved) * DEPARTING_FINE
+    if has_ground(shape) and not alone:
+        few += AT_THE_POSTERIOR
     curves = many * COARSE_SECONDS * coarse + few * FINE_SECONDS * fine
     return curves / max(1, workers) + FITTING_SECONDS
 

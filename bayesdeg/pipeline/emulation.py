@@ -68,6 +68,8 @@ class Campaign:
         Time after which a run is given up, from its start [s].
     design : LocalDesign, optional
         Where one study may ask; by default the whole range.
+    later : int
+        Runs of the fine mesh that follow, where the posterior will lie.
     """
 
     geometry: Moulded
@@ -76,6 +78,7 @@ class Campaign:
     executor: Executor | None = None
     timeout: float = np.inf
     design: LocalDesign | None = None
+    later: int = 0
 
     @property
     def runs(self) -> list[Run]:
@@ -108,11 +111,14 @@ class Expectation:
         Measured time of one of them on one core [s].
     workers : int
         How many are solved at a time.
+    later : float
+        Time of the runs that follow, on one core [s].
     """
 
     left: dict[Resolution, int]
     each: dict[Resolution, float]
     workers: int = 1
+    later: float = 0.0
 
     @property
     def core_seconds(self) -> float:
@@ -131,6 +137,11 @@ class Expectation:
         """
         return self.core_seconds / max(1, min(self.workers, sum(self.left.values())))
 
+    @property
+    def whole_seconds(self) -> float:
+        """Time that is left, with the runs that follow [s]."""
+        return self.seconds + self.later / self.workers
+
     def __str__(self) -> str:
         """Say how long it takes, and why."""
         runs = [
@@ -138,7 +149,10 @@ class Expectation:
             for mesh, number in self.left.items()
         ]
         at_once = "one at a time" if self.workers == 1 else f"{self.workers} at a time"
-        return f"{duration(self.seconds)}: finite element curves, {' and '.join(runs)}, {at_once}"
+        then = "" if self.later == 0.0 else f", and then {duration(self.later / self.workers)}"
+        where = " where the posterior lies" if then else ""
+        whole = f"{duration(self.seconds)}{then}{where}"
+        return f"{whole}: finite element curves, {' and '.join(runs)}, {at_once}"
 
 
 def expect(campaign: Campaign, progress: Progress) -> Expectation:
@@ -163,7 +177,8 @@ def expect(campaign: Campaign, progress: Progress) -> Expectation:
         timed[mesh] = [FACTORIZATIONS * seconds_of_factorization(campaign.geometry, mesh)]
         progress.advance()
     each = {mesh: median(timed[mesh]) for mesh in counts}
-    return Expectation(dict(counts), each, campaign.workers)
+    later = campaign.later * each.get(campaign.recipe.fine_mesh, 0.0)
+    return Expectation(dict(counts), each, campaign.workers, later)
 
 
 def seconds_of_factorization(geometry: Moulded, mesh: Resolution) -> float:

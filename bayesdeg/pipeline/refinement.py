@@ -21,7 +21,7 @@ from bayesdeg.criticism.fit.search import LEAST_FACTOR, near
 from bayesdeg.criticism.fit.trials import Trial, try_causes
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.campaign import local_terms
-from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.kept import AT_THE_POSTERIOR, Recipe
 from bayesdeg.emulator.local import (
     AskedInputs,
     LocalDesign,
@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 
 DRAWS = 60  # of each posterior
 WEIGHED = 1000  # draws by which shifts are known to 3 % of the spread of the change
-FIRST, MORE, REFINING_ROUNDS = 16, 8, 3
+FIRST, MORE, REFINING_ROUNDS = AT_THE_POSTERIOR, 8, 3
 """Fine curves where the posterior lies, those that are added while they are too few, how often."""
 LAST_ROUNDS = 1  # of such curves with which the training of an emulator for one study ends
 RIVALS = 3  # causes that are fitted, the first of those that screening puts near the best

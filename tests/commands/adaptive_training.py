@@ -44,7 +44,7 @@ def train(study, folder):
     folder.mkdir(parents=True, exist_ok=True)
     os.chdir(folder)
     training.LOCAL = recipe
-    training.TARGET_PCT = 0.0  # never good: all rounds are worked
+    training.TARGET_PCT = training.REFINABLE_PCT = 0.0  # never good: all rounds are worked
     asked = asked_of(study, study.settings.seed)
     first = local_design(asked, recipe(geometry_of_study(study.settings).dimensions))
     training.train_where_asked(study, first, None, MANNER)

@@ -9,6 +9,7 @@ import pytest
 
 from bayesdeg.commands import training
 from bayesdeg.emulator.kept import COARSE_RUNS, FINE_RUNS
+from bayesdeg.pipeline.refinement import FIRST
 
 ROOT = Path(__file__).resolve().parents[2]
 KILLS = 8  # 24 take two minutes: `python -m tests.commands.adaptive_training FOLDER 24 SEED`
@@ -27,6 +28,7 @@ def test_training_in_rounds_killed_at_random_moments_ends_with_the_same_bits(tmp
     # the kills hit training at work, and what it had done was never lost
     assert all(progress == sorted(progress) for progress in told["progress"])
     more = training.ROUNDS * (training.MORE_COARSE + training.MORE_FINE)
+    more += FIRST  # by which it is refined
     # all curves of all rounds, and one emulator
     assert set(told["files"]) == {COARSE_RUNS + FINE_RUNS + more + 1}
     assert told["same"]

@@ -1,6 +1,7 @@
 """``bayesdeg emulate``, and ``bayesdeg run`` on a geometry that has no emulator yet."""
 
 import csv
+import json
 import os
 import pty
 import re
@@ -21,8 +22,9 @@ from bayesdeg.commands import training
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.kept import cached_path, duration
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import read_trained, write_trained
+from bayesdeg.emulator.trained import is_refined, read_trained, write_trained
 from bayesdeg.pipeline import emulation
+from bayesdeg.pipeline.refinement import FIRST
 from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
@@ -253,11 +255,29 @@ def test_run_solves_further_curves_where_the_posterior_lies(here, command, pipel
     for path in kept():
         path.unlink()
     monkeypatch.setattr(training, "TARGET_PCT", 0.0)
+    monkeypatch.setattr(training, "REFINABLE_PCT", 0.0)
     code, _, err = command("run", "study", "--workers", 1, "--out", "two")
     assert code == 0, err
     assert "further curves" in err
     more = training.MORE_COARSE + training.MORE_FINE
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + more
+
+
+def test_training_ends_with_fine_curves_at_the_posterior(here, command, pipeline, monkeypatch):
+    monkeypatch.setattr(training, "LAST_ROUNDS", 1)
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + FIRST
+    (own,) = kept()
+    record = pipeline[0].record
+    assert json.loads(record)["refinement"]["curves"] <= FIRST
+    assert not is_refined(record)
+    assert str(RECIPE.coarse_runs) in err
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert pipeline[1].record == record
+    assert kept() == [own]
+    assert "finite element" not in err
 
 
 def test_an_emulator_of_another_study_is_used_where_it_is_good(
