@@ -5,11 +5,11 @@ the emulator is that was trained for it.
 
 Each geometry has a virtual study in ``benchmarks/geometries_studies``: films and 18 actuators of
 the gelatin study on a finer mesh than any emulator's, an offset of the pressure hidden in it
-(``--make`` makes it, some ten minutes on two cores; that of ``long`` was not made yet, and is asked
-for by ``--only``). An emulator is trained where the study lies, and the study is run with it.
-Curves at draws of the study's posterior, and others that it may ask for before its readings are
-known, none of which training saw, are then solved on the emulator's own mesh. What is solved is
-kept in ``.cache/geometries``; times of what was found there are those that were measured then.
+(``--make`` makes it, some ten minutes on two cores). An emulator is trained where the study lies,
+and the study is run with it. Curves at draws of the study's posterior, and others that it may ask
+for before its readings are known, none of which training saw, are then solved on the emulator's own
+mesh. What is solved is kept in ``.cache/geometries``; times of what was found there are those that
+were measured then.
 
 Keys, each the worst of the geometries: ``minutes`` from reading the study to the report,
 ``training_minutes`` of them, at draws of the posterior ``error_p95_pct`` of curvature and bend
