@@ -40,6 +40,7 @@ from bayesdeg.emulator.local import (
     span_of,
     units_for,
 )
+from bayesdeg.emulator.refinement import TooFewCurvesError
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.solutions import ANSWERS, Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -49,9 +50,11 @@ from bayesdeg.emulator.trained import (
     find,
     is_refined,
     lacking,
+    not_refined,
     read_trained,
     refuse_lacking,
     surrogate_for,
+    went_to_its_end,
     write_trained,
 )
 from bayesdeg.pipeline.emulation import (
@@ -182,9 +185,18 @@ def _known(
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
         if surrogate.units != first.units or wanting or is_refined(surrogate.record):
             continue
-        if path == own or _is_good(_asked_after(study, surrogate, manner), first, TARGET_PCT):
+        # earlier versions left out the last curves
+        done = not _ends_refined(geometry, first) or went_to_its_end(surrogate.record)
+        if path == own and done:
+            return surrogate
+        if path != own and _is_good(_asked_after(study, surrogate, manner), first, TARGET_PCT):
             return surrogate
     return None
+
+
+def _ends_refined(geometry: Moulded, design: LocalDesign) -> bool:
+    """Return whether training ends with fine curves that refine the emulator."""
+    return has_ground(geometry) and not design.only_departure and LAST_ROUNDS > 0
 
 
 def _kept_for(geometry: Moulded, first: LocalDesign) -> Path:
@@ -231,7 +243,7 @@ def train_where_asked(
     """
     geometry, store = geometry_of_study(study.settings), SolutionStore(STORE)
     recipe, design = LOCAL(geometry.dimensions), first
-    is_refined_last = has_ground(geometry) and not first.only_departure and LAST_ROUNDS > 0
+    is_refined_last = _ends_refined(geometry, first)
     last_curves = AT_THE_POSTERIOR if is_refined_last else 0
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design, later=last_curves)
@@ -249,8 +261,14 @@ def train_where_asked(
     campaigns = [campaign]
     if is_refined_last:
         base = Campaign(geometry, recipe, store, executor)
-        last, surrogate = _refined(study, surrogate, base, LAST_ROUNDS, manner)
-        campaigns.append(last)
+        try:
+            last, surrogate = _refined(study, surrogate, base, LAST_ROUNDS, manner)
+        except TooFewCurvesError as fault:
+            surrogate = replace(surrogate, record=not_refined(surrogate.record))
+            if not manner.quiet:
+                _print(f"{fault}; the emulator stays as it was trained")
+        else:
+            campaigns.append(last)
     _keep(campaigns, _kept_for(geometry, first), surrogate, manner)
     return surrogate
 

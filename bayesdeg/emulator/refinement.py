@@ -70,6 +70,10 @@ MOST_HELD = 600  # places at which it is held near zero: a few times as many as 
 FEWEST = 4  # curves with which something can be left out
 
 
+class TooFewCurvesError(BayesdegError):
+    """Most curves balloon at once, or hardly bend: nothing is there to correct an emulator by."""
+
+
 @dataclass(frozen=True)
 class Refinement:
     """A corrected emulator, and what it would be without each of its curves.
@@ -109,14 +113,14 @@ def refine(
 
     Raises
     ------
-    BayesdegError
+    TooFewCurvesError
         If fewer than ``FEWEST`` curves say anything.
     """
     with threadpool_limits(1):  # sums of several threads depend on their number
         solved = counted(curves, samples, ground.units)
         runs = learned(solved, ground.span, ground.length, steepest)
         if len(runs) < FEWEST:
-            raise BayesdegError(
+            raise TooFewCurvesError(
                 f"{len(runs)} curves say anything where the posterior lies, too few to refine by"
             )
         elsewhere = _points_of(asked.in_units(ground.units))

@@ -193,7 +193,23 @@ def is_refined(record: str) -> bool:
     >>> is_refined(default_surrogate().record)
     False
     """
-    return ASKED_FOR in json.loads(record).get("refinement", {})
+    return ASKED_FOR in (json.loads(record).get("refinement") or {})
+
+
+def not_refined(record: str) -> str:
+    """Return a record that says that nothing was there to refine an emulator by."""
+    return json.dumps(json.loads(record) | {"refinement": None}, indent=1)
+
+
+def went_to_its_end(record: str) -> bool:
+    """Return whether training ended with what refines an emulator, be it in vain.
+
+    Examples
+    --------
+    >>> went_to_its_end("{}"), went_to_its_end(not_refined("{}"))
+    (False, True)
+    """
+    return "refinement" in json.loads(record)
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:

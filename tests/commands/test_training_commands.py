@@ -21,10 +21,12 @@ from bayesdeg.commands import run as run_command
 from bayesdeg.commands import training
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.kept import cached_path, duration
+from bayesdeg.emulator.refinement import TooFewCurvesError
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import is_refined, read_trained, write_trained
 from bayesdeg.pipeline import emulation
 from bayesdeg.pipeline.refinement import FIRST
+from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
@@ -278,6 +280,34 @@ def test_training_ends_with_fine_curves_at_the_posterior(here, command, pipeline
     assert pipeline[1].record == record
     assert kept() == [own]
     assert "finite element" not in err
+
+
+def test_an_emulator_stays_where_too_few_curves_refine_it(here, command, pipeline, monkeypatch):
+    def refine(*_):
+        raise TooFewCurvesError("2 curves say anything where the posterior lies")
+
+    monkeypatch.setattr(training, "LAST_ROUNDS", 1)
+    monkeypatch.setattr(training, "refined_by", refine)
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert "2 curves say anything where the posterior lies; the emulator stays" in " ".join(
+        err.split()
+    )
+    assert json.loads(pipeline[0].record)["refinement"] is None
+    assert not is_refined(pipeline[0].record)
+    assert emulator_facts(pipeline[0].record).record
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert "2 curves" not in err  # it is not tried again
+
+
+def test_what_an_earlier_version_trained_is_refined(here, command, pipeline, monkeypatch):
+    command("run", "study", "--workers", 1)
+    monkeypatch.setattr(training, "LAST_ROUNDS", 1)
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert json.loads(pipeline[1].record)["refinement"]["curves"] <= FIRST
+    assert len(kept()) == 1
 
 
 def test_an_emulator_of_another_study_is_used_where_it_is_good(
