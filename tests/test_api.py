@@ -415,6 +415,11 @@ def asked(planted):
     return first, found, last
 
 
+def places_of(table):
+    """Degradation rates and pressures that a table has rows for."""
+    return set(zip(table["degradation_pct"], table["pressure_kPa"], strict=True))
+
+
 @pytest.mark.slow
 def test_a_study_comes_to_what_its_run_comes_to(planted, asked, tmp_path):
     first, found, last = asked
@@ -439,8 +444,11 @@ def test_a_study_comes_to_what_its_run_comes_to(planted, asked, tmp_path):
     for name in ("posterior", "posterior_base"):
         ours, theirs = written.read_posterior(name), run.read_posterior(name)
         assert set(ours.children) == set(theirs.children)
+    # draws of their own: curves of a rate may end a step of pressure apart
     for name in ("bands", "rupture"):
-        assert len(written.read_table(name)) == len(run.read_table(name))
+        ours, theirs = (places_of(folder.read_table(name)) for folder in (written, run))
+        apart = pd.Series([rate for rate, _ in ours ^ theirs]).value_counts()
+        assert all(apart <= 1)
 
 
 @pytest.mark.slow
