@@ -660,11 +660,18 @@ curve was solved anew there."""
 def with_small_effects(
     surrogate: Surrogate, curves: Sequence[Curve], samples: Sequence[PathSamples]
 ) -> Surrogate:
-    """Return an emulator in which what `SMALL` causes do alone has few, smooth terms.
+    r"""Return an emulator in which what `SMALL` causes do alone has few, smooth terms.
 
     Among the terms of all causes theirs are off by a third of the effect and more, since errors
-    count there over half of a group's range. Curves of the fine mesh say by exact derivatives what
-    they do; away from these, what was known stays. Without a cause nothing changes.
+    count there over half of a group's range. With h that half range, y ln of curvature or bend
+    angle as the curves' exact derivatives give it, Y all other terms, and S the terms that those of
+    the causes were,
+
+    .. math:: \min_a \sum h^2 \left(\partial_g y - \partial_g Y
+        - \partial_g (a \cdot \varphi)\right)^2 + w^2 \sum (a \cdot \varphi - S)^2,
+
+    the first sum over the curves' equilibria and the causes g, the second, with w `OLD`, over
+    `OLD_CURVES` of the whole range. Without a cause nothing changes.
 
     Parameters
     ----------
@@ -672,6 +679,11 @@ def with_small_effects(
         Of the fine mesh.
     curves, samples : sequences
         Curves with one cause each, and what was solved of them.
+
+    Raises
+    ------
+    BayesdegError
+        If no curve says anything.
     """
     span = surrogate.span
     whole = terms_below(surrogate, _ANGLES)[0]

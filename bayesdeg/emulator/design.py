@@ -223,7 +223,8 @@ def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[li
     return coarse, [twins[index] for index in chosen["fine"]]
 
 
-# fields of what `_effects` returns, in turn: those whose effects are small come more often
+# places in what `_effects` returns, in turn: weight (5), skin (1) and misfit (4), whose effects are
+# small, come more often; what they do is learned where another cause acts too
 IN_TURN = (5, 1, 4, 0, 5, 6, 1, 4, 5, 0, 7, 2)
 THIRD_RUNS, THIRD_SEED = 60, 14
 SHORT = 0.3  # of the largest load, up to which every other curve goes: a small weight shows there
@@ -232,8 +233,8 @@ SHORT = 0.3  # of the largest load, up to which every other curve goes: a small 
 def third_stage(span: TrainingRange) -> list[Curve]:
     """Return curves for the fine mesh with one cause each, at materials as studies ask for them.
 
-    By values and exact derivatives they say what each cause does alone. Slack of the paper is not
-    among them: there it is the load at which it is taken up that counts.
+    By their exact derivatives they say what small causes do. Slack of the paper is not among them:
+    there it is the load at which it is taken up that counts.
 
     Parameters
     ----------
