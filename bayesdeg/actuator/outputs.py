@@ -142,22 +142,37 @@ def _stretch_of_difference(difference: Floats) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True)
-def demands(
-    f: Floats, largest: Floats, energy: Floats, difference: Floats
-) -> None:  # pragma: no cover - compiled
-    """Overwrite with Ī₁ and λ̄₁² − λ̄₃², which `equivalent_stretches` rise with.
+def largest_stretch(f: Floats, value: Floats) -> None:  # pragma: no cover - compiled
+    """Overwrite ``value`` with the largest principal stretch and ``f`` with ∂λ/∂F = n ⊗ N.
 
-    The two squares but the largest have the sum I₁ − λ₁² and the product J²/λ₁².
+    Eigenvalues of C = FᵀF by the trigonometric formula, the axis as the longest product of two
+    rows of C − λ² I, and λ² once more as the axis's Rayleigh quotient.
     """
-    inverse = np.empty((3, 3))
-    for e in range(largest.shape[0]):
-        for q in range(largest.shape[1]):
-            volume = kernels.invert(f[e, q], inverse)
+    spare = np.empty((3, 3, 3))
+    for e in range(value.shape[0]):
+        for q in range(value.shape[1]):
+            value[e, q] = _stretched(f[e, q], spare)
+
+
+@njit(cache=True)
+def demands(
+    f: Floats, value: Floats, energy: Floats, difference: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite as `largest_stretch`, and with what `equivalent_stretches` rise with.
+
+    That is Ī₁ and λ̄₁² − λ̄₃²; the two squares but the largest have the sum I₁ − λ₁² and the
+    product J²/λ₁².
+    """
+    spare = np.empty((3, 3, 3))
+    for e in range(value.shape[0]):
+        for q in range(value.shape[1]):
+            volume = kernels.invert(f[e, q], spare[0])
             whole = 0.0
             for i in range(3):
                 for j in range(3):
                     whole += f[e, q, i, j] * f[e, q, i, j]
-            top = largest[e, q] * largest[e, q]
+            value[e, q] = _stretched(f[e, q], spare)
+            top = value[e, q] * value[e, q]
             rest = whole - top
             root = np.sqrt(max(rest * rest - 4.0 * volume * volume / top, 0.0))
             shrunk = volume ** (-2.0 / 3.0)
@@ -166,32 +181,22 @@ def demands(
 
 
 @njit(cache=True)
-def largest_stretch(f: Floats, value: Floats) -> None:  # pragma: no cover - compiled
-    """Overwrite ``value`` with the largest principal stretch and ``f`` with ∂λ/∂F = n ⊗ N.
-
-    Eigenvalues of C = FᵀF by the trigonometric formula, the axis as the longest product of two
-    rows of C − λ² I, and λ² once more as the axis's Rayleigh quotient.
-    """
-    axis, moved = np.empty(3), np.empty(3)
-    c, d = np.empty((3, 3)), np.empty((3, 3))
-    for e in range(value.shape[0]):
-        for q in range(value.shape[1]):
-            here = f[e, q]
-            for i in range(3):
-                for j in range(i, 3):
-                    c[i, j] = c[j, i] = (
-                        here[0, i] * here[0, j] + here[1, i] * here[1, j] + here[2, i] * here[2, j]
-                    )
-            _longest_axis(c, d, axis)
-            length = 0.0
-            for i in range(3):
-                moved[i] = here[i, 0] * axis[0] + here[i, 1] * axis[1] + here[i, 2] * axis[2]
-                length += moved[i] * moved[i]
-            length = np.sqrt(length)
-            value[e, q] = length
-            for i in range(3):
-                for j in range(3):
-                    here[i, j] = moved[i] / length * axis[j]
+def _stretched(f: Floats, spare: Floats) -> float:  # pragma: no cover - compiled
+    """Return the largest stretch of F and overwrite F with its slope."""
+    c, axis, moved = spare[0], spare[2, 0], spare[2, 1]
+    for i in range(3):
+        for j in range(i, 3):
+            c[i, j] = c[j, i] = f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j]
+    _longest_axis(c, spare[1], axis)
+    length = 0.0
+    for i in range(3):
+        moved[i] = f[i, 0] * axis[0] + f[i, 1] * axis[1] + f[i, 2] * axis[2]
+        length += moved[i] * moved[i]
+    length = np.sqrt(length)
+    for i in range(3):
+        for j in range(3):
+            f[i, j] = moved[i] / length * axis[j]
+    return float(length)
 
 
 @njit(cache=True)
@@ -246,23 +251,83 @@ def volume_quantile(stretch: Floats, weights: Floats, share: float) -> float:
     >>> volume_quantile(np.array([1.0, 1.2, 1.1]), np.ones(3), 0.5)
     1.1
     """
-    order, left, right, part = quantile_points(stretch, weights, share)
-    values = stretch.ravel()[order]
-    return float((1.0 - part) * values[left] + part * values[right])
+    places, part = quantile_points(stretch, weights, share)
+    left, right = stretch.ravel()[places]
+    return float((1.0 - part) * left + part * right)
+
+
+_SPARE = 2.0  # of the points that a quantile's share would need were all of one volume
 
 
 def quantile_points(
     stretch: Floats, weights: Floats, share: float
-) -> tuple[NDArray[np.int64], int, int, float]:
-    """Return the order by stretch, the two places next to a quantile, and the second's part."""
-    order = np.argsort(stretch, axis=None, kind="stable")
-    weight = weights.ravel()[order]
-    middle = np.cumsum(weight) - 0.5 * weight
-    wanted = share * weight.sum()
+) -> tuple[NDArray[np.int64], float]:
+    """Return the places of the two points next to a quantile, and the second's part.
+
+    Only the most stretched points are put in order, as many as the quantile may lie among.
+    """
+    values, volumes = stretch.ravel(), weights.ravel()
+    wanted, count = share * float(volumes.sum()), len(values)
+    ordered = min(count, 2 + int(_SPARE * (1.0 - share) * count))
+    while True:
+        least = np.partition(values, count - ordered)[count - ordered]
+        top = np.flatnonzero(values >= least)
+        top = top[np.argsort(values[top], kind="stable")]
+        below = float(volumes[values < least].sum())
+        middle = below + np.cumsum(volumes[top]) - 0.5 * volumes[top]
+        if middle[0] <= wanted or len(top) == count:
+            break
+        ordered = min(count, 2 * ordered)
     right = int(np.clip(np.searchsorted(middle, wanted), 1, len(middle) - 1))
-    left = right - 1
-    part = float(np.clip((wanted - middle[left]) / (middle[right] - middle[left]), 0.0, 1.0))
-    return order, left, right, part
+    part = (wanted - middle[right - 1]) / (middle[right] - middle[right - 1])
+    return top[[right - 1, right]], float(np.clip(part, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class RelativeStrains:
+    """Strains ε = λ − 1 over the largest, of which Weibull's strain is made for any modulus.
+
+    Parameters
+    ----------
+    logarithm : array, shape (n_elements, n_points)
+        ln of the strain over the largest, −∞ where nothing is strained [–].
+    largest : float
+        [–].
+    shares : array, shape (n_elements, n_points)
+        Of the volume [–].
+    """
+
+    logarithm: Floats
+    largest: float
+    shares: Floats
+
+    @classmethod
+    def of(cls, stretch: Floats, weights: Floats) -> "RelativeStrains":
+        """Return those of stretches at quadrature points of these volumes."""
+        strain = np.maximum(stretch - 1.0, 0.0)
+        largest = float(strain.max())
+        if largest < _SMALLEST_STRAIN:
+            largest, strain = 0.0, np.zeros_like(strain)
+        with np.errstate(divide="ignore"):
+            logarithm = np.log(strain / (largest or 1.0))
+        return cls(logarithm, largest, weights / weights.sum())
+
+    def weibull(self, modulus: float) -> float:
+        """Return (1/V ∫ ε^m dV)^(1/m) [–]."""
+        # relative to the largest, lest high powers of small strains vanish
+        mean = float(np.sum(self.shares * np.exp(modulus * self.logarithm)))
+        return self.largest * mean ** (1.0 / modulus)
+
+    def slope(self, modulus: float, value: float) -> Floats:
+        """Return the derivative of that value by the stretch of every point."""
+        if value == 0.0:
+            return np.zeros_like(self.shares)
+        over_value = self.logarithm + np.log(self.largest / value)
+        slope: Floats = self.shares * np.exp((modulus - 1.0) * over_value)
+        return slope
+
+
+_SMALLEST_STRAIN = 1e-12  # rounding of a stretch at rest
 
 
 def weibull_strain(stretch: Floats, weights: Floats, modulus: float) -> tuple[float, Floats]:
@@ -270,15 +335,9 @@ def weibull_strain(stretch: Floats, weights: Floats, modulus: float) -> tuple[fl
 
     V times its m-th power is ``weibull_integral``; as a strain it does not vanish for large m.
     """
-    strain = np.maximum(stretch - 1.0, 0.0)
-    largest = float(strain.max())
-    if largest < 1e-12:
-        return 0.0, np.zeros_like(stretch)
-    shares = weights / weights.sum()
-    # relative to the largest, lest high powers of small strains vanish
-    mean = float(np.sum(shares * (strain / largest) ** modulus))
-    value = largest * mean ** (1.0 / modulus)
-    return value, shares * (strain / value) ** (modulus - 1.0)
+    strains = RelativeStrains.of(stretch, weights)
+    value = strains.weibull(modulus)
+    return value, strains.slope(modulus, value)
 
 
 def weibull_integral(stretch: Floats, weights: Floats, modulus: float) -> float:
@@ -411,10 +470,12 @@ def read_state(
         Angle at the load before [rad]; the angle is unwrapped to the branch next to it.
     """
     lines = _line_readings(mesh, mesh.body.nodes + state.displacement, previous_angle)
-    strains = _strain_readings(mesh.body, state)
-    values = np.array([*(value for value, _ in lines), *(strain.value for strain in strains)])
+    angle_to_volume = [value for value, _ in lines]
     if rate is None:
+        values = np.array([*angle_to_volume, *_strain_values(mesh.body, state)])
         return Reading(values, np.zeros_like(values))
+    strains = _strain_readings(mesh.body, state)
+    values = np.array([*angle_to_volume, *(strain.value for strain in strains)])
     change = deformation_gradients(mesh.body, rate.displacement) - np.eye(3)
     rates = [float(np.vdot(gradient, rate.displacement)) for _, gradient in lines]
     rates += [strain.rate(change) for strain in strains]
@@ -448,47 +509,87 @@ def _line_readings(
 
 def _strain_readings(body: Body, state: MechanicalState) -> list[StrainReading]:
     """Measures of stretch, in the order of ``OUTPUTS``, with their derivatives."""
-    f = deformation_gradients(body, state.displacement)
-    largest = _largest(f.copy())
-    energy, difference = np.empty(largest.value.shape), np.empty(largest.value.shape)
-    demands(f, largest.value, energy, difference)
+    fields = StrainFields.of(body, state)
     every = np.arange(len(body.elements))
-    whole = [weibull_strain(largest.value, body.weights, m) for m in WEIBULL_MODULI]
+    whole = [(m, fields.relative.weibull(m)) for m in WEIBULL_MODULI]
     return [
-        _quantile(body, f, largest, field=largest.value, stretches=lambda _, here: here),
+        fields.quantile(fields.largest.value, lambda _, here: here),
         *(
-            StrainReading(value, every, factors[..., None, None] * largest.slope)
-            for value, factors in whole
+            StrainReading(
+                value,
+                every,
+                fields.relative.slope(m, value)[..., None, None] * fields.largest.slope,
+            )
+            for m, value in whole
         ),
-        _quantile(
-            body, f, largest, field=energy, stretches=lambda f, s: equivalent_stretches(f, s)[0]
-        ),
-        _quantile(
-            body, f, largest, field=difference, stretches=lambda f, s: equivalent_stretches(f, s)[1]
-        ),
+        fields.quantile(fields.energy, lambda f, s: equivalent_stretches(f, s)[0]),
+        fields.quantile(fields.difference, lambda f, s: equivalent_stretches(f, s)[1]),
     ]
 
 
-def _quantile(
-    body: Body,
-    f: Floats,
-    largest: Stretches,
-    *,
-    field: Floats,
-    stretches: Callable[[Floats, Stretches], Stretches],
-) -> StrainReading:
-    """Return what 99 % of the volume stays below, of stretches that rise with ``field``.
+def _strain_values(body: Body, state: MechanicalState) -> list[float]:
+    """Measures of stretch alone, in the order of ``OUTPUTS``."""
+    fields = StrainFields.of(body, state)
+    return [
+        fields.quantile(fields.largest.value, lambda _, here: here).value,
+        *(fields.relative.weibull(m) for m in WEIBULL_MODULI),
+        fields.quantile(fields.energy, lambda f, s: equivalent_stretches(f, s)[0]).value,
+        fields.quantile(fields.difference, lambda f, s: equivalent_stretches(f, s)[1]).value,
+    ]
 
-    Two points tell all, so only theirs are evaluated.
+
+@dataclass(frozen=True)
+class StrainFields:
+    """What the measures of stretch are made of, at every quadrature point.
+
+    Parameters
+    ----------
+    body : Body
+        Undeformed.
+    displacement : array, shape (n_nodes, 3)
+        [mm].
+    largest : Stretches
+        Largest principal stretch.
+    energy, difference : arrays, shape (n_elements, n_points)
+        Ī₁ and λ̄₁² − λ̄₃² [–].
+    relative : RelativeStrains
+        Of the largest principal stretch.
     """
-    order, left, right, part = quantile_points(field, body.weights, PEAK_SHARE)
-    elements, points = np.unravel_index(order[[left, right]], field.shape)
-    shares = np.array([1.0 - part, part])
-    here = Stretches(largest.value[elements, points], largest.slope[elements, points])
-    found = stretches(f[elements, points], here)
-    push = np.zeros((2, *largest.slope.shape[1:]))
-    push[(0, 1), points] = shares[:, None, None] * found.slope
-    return StrainReading(float(shares @ found.value), elements, push)
+
+    body: Body
+    displacement: Floats
+    largest: Stretches
+    energy: Floats
+    difference: Floats
+    relative: RelativeStrains
+
+    @classmethod
+    def of(cls, body: Body, state: MechanicalState) -> "StrainFields":
+        """Return the fields of a state."""
+        f = deformation_gradients(body, state.displacement)
+        value, energy, difference = (np.empty(body.weights.shape) for _ in range(3))
+        demands(f, value, energy, difference)
+        relative = RelativeStrains.of(value, body.weights)
+        return cls(body, state.displacement, Stretches(value, f), energy, difference, relative)
+
+    def quantile(
+        self, field: Floats, stretches: Callable[[Floats, Stretches], Stretches]
+    ) -> StrainReading:
+        """Return what 99 % of the volume stays below, of stretches that rise with ``field``.
+
+        Two points tell all, so only theirs are evaluated.
+        """
+        body, largest = self.body, self.largest
+        places, part = quantile_points(field, body.weights, PEAK_SHARE)
+        elements, points = np.unravel_index(places, field.shape)
+        f = np.empty((2, *largest.slope.shape[1:]))
+        kernels.deformation(self.displacement, body.elements[elements], body.gradients[elements], f)
+        shares = np.array([1.0 - part, part])
+        here = Stretches(largest.value[elements, points], largest.slope[elements, points])
+        found = stretches(f[(0, 1), points], here)
+        push = np.zeros_like(f)
+        push[(0, 1), points] = shares[:, None, None] * found.slope
+        return StrainReading(float(shares @ found.value), elements, push)
 
 
 def read_bottom_line(

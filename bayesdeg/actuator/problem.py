@@ -207,8 +207,9 @@ class Linearisation(NamedTuple):
     """Residual and tangent of one state.
 
     ``residual`` is that of the free unknowns with the pressure condensed, ``tangent`` the data
-    of the upper triangle (empty if not asked for), ``force`` the uncondensed residual on all
-    degrees of freedom. ``coupling`` is B, ∫ q cof F : ∇u, as the problem that made it keeps it.
+    of the upper triangle, ``force`` the uncondensed residual on all degrees of freedom.
+    ``coupling`` is B, ∫ q cof F : ∇u, as the problem that made it keeps it. Where no tangent was
+    asked for, the first two and the couplings are empty.
     """
 
     residual: Floats
@@ -344,13 +345,15 @@ class Problem:
         """Return residual and tangent at a state.
 
         The residual is the internal force less the loads', with the volume equation condensed
-        element by element; the tangent is symmetric since the cavity is closed.
+        element by element; the tangent is symmetric since the cavity is closed. Without it the
+        equations are only evaluated: neither couplings nor a condensed residual.
         """
         system, body = self.system, self.system.body
         data = np.zeros(system.upper.nnz) if tangent else NOTHING
         force = -self.share * self.dead_force
         modes = body.element.modes.shape[1]
-        coupling = np.empty((len(body.elements), modes, 3 * body.elements.shape[1]))
+        coupled = len(body.elements) if tangent else 0
+        coupling = np.empty((coupled, modes, 3 * body.elements.shape[1]))
         volume_residual = np.empty((len(body.elements), modes))
         smallest = kernels.solid(
             state.displacement,
@@ -370,6 +373,8 @@ class Problem:
         )
         volume = self._add_surfaces(state, force, data)
         lin = Linearisation(NOTHING, data, force, coupling, volume_residual, smallest, volume)
+        if not tangent:
+            return lin
         return lin._replace(residual=self.condensed(force, volume_residual, lin))
 
     def _add_surfaces(self, state: MechanicalState, force: Floats, data: Floats) -> float:

@@ -509,20 +509,23 @@ class WeakForm:
         """Return residual and tangent at a state.
 
         The residual is the internal force less the loads', with the volume equation condensed
-        element by element; the tangent is symmetric since the cavity is closed.
+        element by element; the tangent is symmetric since the cavity is closed. Without it the
+        equations are only evaluated: neither couplings nor a condensed residual.
         """
         at, p = self._in_body(state)
-        coupling = self._coupling(at)
+        coupling = self._coupling(at) if tangent else None
         excess = asm(load, self.spaces.pressure, density=at.J - 1.0 - p / self.material.bulk_ratio)
         lin = Linearisation(
             residual=NOTHING,
-            tangent=self._tangent(state, coupling) if tangent else NOTHING,
+            tangent=NOTHING if coupling is None else self._tangent(state, coupling),
             force=self._force(state),
             coupling=coupling,
             volume_residual=excess.reshape(state.pressure.shape),
             smallest_jacobian=float(np.min(np.nan_to_num(at.J, nan=-np.inf))),
             cavity_volume=self.cavity_volume(state),
         )
+        if coupling is None:
+            return lin
         return lin._replace(residual=self.condensed(lin.force, lin.volume_residual, lin))
 
     def _in_body(self, state: MechanicalState) -> tuple[Deformation, Floats]:

@@ -42,6 +42,7 @@ from bayesdeg.actuator.outputs import (
     read_state,
 )
 from bayesdeg.actuator.problem import (
+    NOTHING,
     Linearisation,
     MechanicalState,
     Problem,
@@ -148,7 +149,7 @@ class FieldEquations:
             data = data + self.support.data if data.size else data
         if self.swelling is not None:
             volume = volume - self._grown
-        residual = self.problem.condensed(force, volume, found)
+        residual = self.problem.condensed(force, volume, found) if tangent else NOTHING
         return found._replace(residual=residual, force=force, volume_residual=volume, tangent=data)
 
     def products(

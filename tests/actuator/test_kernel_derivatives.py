@@ -251,7 +251,7 @@ def test_assembled_tangent_is_the_derivative_of_the_assembled_residual(name, ran
     v = system.expand(np.random.default_rng(6).standard_normal(len(system.free)))
 
     def residual(w):
-        return problem.linearise(eliminated(problem, w, 0.3), tangent=False).residual
+        return problem.linearise(eliminated(problem, w, 0.3)).residual
 
     tangent = matrix(problem, problem.linearise(eliminated(problem, u, 0.3)))
     assert relative(tangent @ problem.on_free(v), slope(residual, u, v)) < 1e-6

@@ -154,7 +154,7 @@ def inf_sup(counts):
     held = ~np.all((body.nodes > 1e-9) & (body.nodes < 1.0 - 1e-9), axis=1)
     system = System(replace(body, fixed=np.repeat(held[:, None], 3, axis=1)))
     rest = system.rest()
-    coupling = Problem(system, MATERIAL).linearise(rest, tangent=False).coupling
+    coupling = Problem(system, MATERIAL).linearise(rest).coupling
     count = len(body.nodes)
     degrees = (np.arange(3)[:, None] * count + body.elements[:, None]).reshape(
         len(body.elements), -1
