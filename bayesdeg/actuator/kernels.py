@@ -572,7 +572,8 @@ def _evaluate_rates(
 ) -> None:  # pragma: no cover - compiled
     """Overwrite ``rows`` with weighted rates of stress at an element's points, 3 a constant.
 
-    Every one is a share of ∂Ī₁/∂F = 2 J^(-2/3) (F − ⅓ I₁ G) and ∂√Ī₂/∂F = J^(-4/3) (M − ⅔ I₂ G)/√Ī₂.
+    Every one is a share of ∂Ī₁/∂F = 2 J^(-2/3) (F − ⅓ I₁ G) and of
+    ∂√Ī₂/∂F = J^(-4/3) (M − ⅔ I₂ G)/√Ī₂.
     """
     f, g, m = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for q in range(weights.shape[0]):

@@ -1,8 +1,8 @@
 r"""An emulator corrected by some curves of its own mesh, solved where a posterior lies.
 
-What ln of curvature and bend angle of the finite elements are more than those of the emulator is
-fitted to the curves' values and exact derivatives, by polynomials whose coefficients are expected
-to be small,
+What ln of curvature, bend angle and strains of the finite elements are more than those of the
+emulator is fitted to the curves' values, and where a reading is smooth to its exact derivatives, by
+polynomials whose coefficients are expected to be small,
 
 .. math:: y(x) = Y(x) + a \cdot \varphi(x), \qquad
     a \sim N(0, N^{-1}), \quad N = S^{-2} + \sigma^{-2} A^T A,
@@ -10,6 +10,8 @@ to be small,
 with A the rows of all curves and S prior standard deviations. So the correction is known where the
 curves lie, and its standard error, :math:`\sqrt{\varphi N^{-1} \varphi}`, grows away from there
 to that of the emulator itself. Its scale is that of the errors at curves left out.
+
+Where curves end is corrected likewise, by a constant and its slopes in the material.
 """
 
 import json
@@ -23,14 +25,19 @@ from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.emulator.campaign import (
     ANGLES,
+    EQUIVALENT,
     FAMILY,
     INSIDE,
     SMALLEST,
+    STRETCH,
+    WEIBULL,
     FitPlan,
     counted,
     coverage,
+    fit_limit,
     gap_of,
     learned,
     summary,
@@ -46,6 +53,7 @@ from bayesdeg.emulator.regression import (
     Prior,
     Regression,
     fit,
+    reach,
 )
 from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
 from bayesdeg.emulator.terms import Family, Terms, features, stacked
@@ -54,16 +62,22 @@ from bayesdeg.errors import BayesdegError
 Floats = NDArray[np.float64]
 
 ONCE = (1, 1, 1, 1, 1, 1, 1, 1, 1)
-REFINING = FitPlan(
-    ANGLES,
-    True,
-    Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE),
-    Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE),
-    Prior(0.8, 0.6, 0.6, 5e-2),
-    Prior(0.8, 0.6, 0.6, 5e-2),
+_WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
+_ANGLES = FitPlan(
+    ANGLES, True, _WAVY, _WAVY, Prior(0.8, 0.6, 0.6, 5e-2), Prior(0.8, 0.6, 0.6, 5e-2)
 )
-"""Terms of the correction: what is left of a map that was fitted already is wavy, and its waves
-are small."""
+_STEADY = Family((6, 2, 2, 2), (2, 1, 1, 1), ONCE)
+_STRETCH = replace(_ANGLES, outputs=STRETCH, derivatives=False, family=_STEADY)
+REFINING = (
+    _ANGLES,
+    _STRETCH,
+    replace(_ANGLES, outputs=WEIBULL),
+    replace(_STRETCH, outputs=EQUIVALENT),
+)
+"""Terms of the corrections: what is left of a map that was fitted already is wavy, and its waves
+are small. Of quantiles few values tell little, so theirs are fewer."""
+ENDS = Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (0,))
+"""Terms of the correction of where curves end."""
 SHARES = (0.3, 0.6, 1.0)
 """Of the largest load asked for, at which errors away from the posterior are looked at."""
 MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
@@ -97,7 +111,7 @@ def refine(
     asked: AskedInputs,
     steepest: float = STEEPEST,
 ) -> Refinement:
-    """Correct the curvature and the bend angle of an emulator by curves of its own mesh.
+    """Correct an emulator's curvature, bend angle, strains and limit by curves of its own mesh.
 
     Parameters
     ----------
@@ -124,19 +138,24 @@ def refine(
                 f"{len(runs)} curves say anything where the posterior lies, too few to refine by"
             )
         elsewhere = _points_of(asked.in_units(ground.units))
-        fitted = _Correction.of(ground, list(runs.values()), elsewhere)
-        error = _error_terms(ground, fitted, elsewhere)
-        record = _record(ground, fitted, error)
-        whole, *without = (
-            replace(
-                ground,
-                terms=_corrected(ground, fitted.terms(coefficients)),
-                error=error,
-                record=record,
-            )
-            for coefficients in (fitted.best.coefficients, *fitted.without)
+        known = list(runs.values())
+        fitted = [_Correction.of(ground, known, elsewhere, plan) for plan in REFINING]
+        error, strain_error = _error_terms(ground, fitted, elsewhere)
+        rest = replace(
+            ground,
+            error=error,
+            strain_error=strain_error,
+            limit=_limit(ground, solved, steepest),
+            record=_record(ground, fitted, stacked([error, strain_error])),
         )
-        return Refinement(whole, tuple(without))
+        whole = _corrected(rest, [(part, part.best.coefficients) for part in fitted])
+        return Refinement(
+            whole,
+            tuple(
+                _corrected(rest, [(part, part.without[k]) for part in fitted])
+                for k in range(len(known))
+            ),
+        )
 
 
 @dataclass(frozen=True)
@@ -145,19 +164,22 @@ class _Correction:
 
     Parameters
     ----------
+    plan : FitPlan
+        Of the outputs that are corrected together.
     runs : list of Observed
     best : Regression
         By all of them, and held near zero where else the emulator is asked for.
     alone : Regression
         By the runs alone, which says where they say nothing.
-    without : list of array, shape (2, n_terms)
+    without : list of array, shape (n_outputs, n_terms)
         Coefficients by all but one.
-    left_out : list of array, shape (n, 2)
+    left_out : list of array, shape (n, n_outputs)
         Relative errors of each run that is left out.
     unit_errors : list of array, shape (n,)
         Standard errors there for residuals of 1.
     """
 
+    plan: FitPlan
     runs: Sequence[Observed]
     best: Regression
     alone: Regression
@@ -166,7 +188,9 @@ class _Correction:
     unit_errors: list[Floats]
 
     @classmethod
-    def of(cls, ground: Surrogate, runs: Sequence[Observed], elsewhere: Floats) -> "_Correction":
+    def of(
+        cls, ground: Surrogate, runs: Sequence[Observed], elsewhere: Floats, plan: FitPlan
+    ) -> "_Correction":
         """Fit the correction, and leave out one run after another.
 
         Parameters
@@ -176,11 +200,13 @@ class _Correction:
         elsewhere : array, shape (n, 13)
             Coordinates of all that is asked: there the correction is 0 within the emulator's own
             errors.
+        plan : FitPlan
+            Which outputs, with which terms.
         """
-        plan, span = REFINING, ground.span
+        span = ground.span
         below, orders, count = terms_below(ground, plan), plan.family.orders, len(plan.outputs)
         gaps = [gap_of(run, plan.family, below, plan, span) for run in runs]
-        held = _held_near_zero(ground, elsewhere)
+        held = _held_near_zero(ground, elsewhere, plan)
         alone = fit(gaps, orders, plan.prior, outputs=count)
         best = fit([*gaps, held], orders, plan.prior, outputs=count)
         without = [best.without(gap) for gap in gaps]
@@ -188,9 +214,8 @@ class _Correction:
             (gap.targets - gap.matrix @ rest.T)[: gap.n_values] / run.weights[:, None]
             for run, gap, rest in zip(runs, gaps, without, strict=True)
         ]
-        return cls(
-            runs, best, alone, without, left_out, [_unit_error_without(alone, gap) for gap in gaps]
-        )
+        unit_errors = [_unit_error_without(alone, gap) for gap in gaps]
+        return cls(plan, runs, best, alone, without, left_out, unit_errors)
 
     @property
     def points(self) -> Floats:
@@ -199,15 +224,11 @@ class _Correction:
 
     @property
     def scale(self) -> Floats:
-        """Residual with which nine tenths of the errors left out lie in the 90 % interval, (2,)."""
+        """Residual with which nine tenths of the errors left out lie in the 90 % interval."""
         spread = np.abs(np.vstack(self.left_out)) / np.concatenate(self.unit_errors)[:, None]
         wide = norm.ppf(0.5 * (1.0 + INSIDE))
         scale: Floats = np.quantile(spread, INSIDE, axis=0) / wide
         return scale
-
-    def terms(self, coefficients: Floats) -> Terms:
-        """Return a correction as terms."""
-        return Terms(self.best.orders, coefficients)
 
     def unit_error(self, points: Floats) -> Floats:
         """Return the standard error at points for residuals of 1, (n,)."""
@@ -216,13 +237,19 @@ class _Correction:
         return np.sqrt(np.sum(lifted**2, axis=0))
 
 
-def _held_near_zero(ground: Surrogate, points: Floats) -> Equations:
+def _held_near_zero(ground: Surrogate, points: Floats, plan: FitPlan) -> Equations:
     """Return equations of no correction, each weighted by the rounding of paths over the error."""
     thinned = points[:: max(1, len(points) // MOST_HELD)]
-    log_square = features(ground.error.orders, thinned) @ ground.error.coefficients[list(ANGLES)].T
+    own = stacked([_of_output(ground.error, ground.strain_error, k) for k in plan.outputs])
+    log_square = features(own.orders, thinned) @ own.coefficients.T
     weights = SMALLEST * np.exp(-0.5 * log_square.max(axis=1))
-    matrix = weights[:, None] * features(REFINING.family.orders, thinned)
-    return Equations(matrix, np.zeros((len(thinned), len(ANGLES))), len(thinned))
+    matrix = weights[:, None] * features(plan.family.orders, thinned)
+    return Equations(matrix, np.zeros((len(thinned), len(plan.outputs))), len(thinned))
+
+
+def _of_output(first: Terms, second: Terms, k: int) -> Terms:
+    """Return the terms of one of ``OUTPUTS``, and then of ``MEASURES``."""
+    return first.output(k) if k < len(OUTPUTS) else second.output(k - len(OUTPUTS))
 
 
 def _unit_error_without(best: Regression, gap: Equations) -> Floats:
@@ -236,16 +263,51 @@ def _unit_error_without(best: Regression, gap: Equations) -> Floats:
     return np.sqrt(np.maximum(variance, 0.0))
 
 
-def _corrected(ground: Surrogate, change: Terms) -> Terms:
-    """Return Y of the outputs with the correction added to those of ``ANGLES``."""
-    parts = [ground.terms.output(k) for k in range(len(OUTPUTS))]
-    for k in ANGLES:
-        parts[k] = summed(parts[k], Terms(change.orders, change.coefficients[[k]]))
-    return stacked(parts)
+def _corrected(ground: Surrogate, corrections: Sequence[tuple[_Correction, Floats]]) -> Surrogate:
+    """Return the emulator with corrections of these coefficients added to its outputs."""
+    parts = [
+        _of_output(ground.terms, ground.strains, k) for k in range(len(OUTPUTS) + len(MEASURES))
+    ]
+    for part, coefficients in corrections:
+        for k, of_output in zip(part.plan.outputs, coefficients, strict=True):
+            parts[k] = summed(parts[k], Terms(part.best.orders, of_output[None]))
+    outputs, strains = parts[: len(OUTPUTS)], parts[len(OUTPUTS) :]
+    return replace(ground, terms=stacked(outputs), strains=stacked(strains))
 
 
-def _error_terms(ground: Surrogate, fitted: _Correction, far: Floats) -> Terms:
-    """Return ln of the squared relative errors of the outputs.
+def _limit(
+    ground: Surrogate, solved: tuple[Sequence[Curve], Sequence[PathSamples]], steepest: float
+) -> Terms:
+    """Return where curves end, corrected if enough of them were seen to, and its standard error.
+
+    The error is that of the curves left out, or the emulator's own where that is larger.
+    """
+    ends = [reach(curve, one, steepest) for curve, one in zip(*solved, strict=True)]
+    if sum(end.load > 0.0 and not end.open for end in ends) < FEWEST:
+        return ground.limit
+    found, own = fit_limit(ends, family=ENDS, ground=ground.limit.output(0)), ground.limit.output(1)
+    first = np.all(own.orders == 0, axis=1)
+    at_left_out = np.sqrt(0.5 * np.pi) * np.mean(np.abs(found.left_out))
+    error = own.coefficients.copy()
+    error[0, first] = np.maximum(error[0, first], at_left_out)
+    return stacked([found.terms.output(0), Terms(own.orders, error)])
+
+
+def _error_terms(
+    ground: Surrogate, fitted: Sequence[_Correction], far: Floats
+) -> tuple[Terms, Terms]:
+    """Return ln of the squared relative errors of ``OUTPUTS`` and of ``MEASURES``."""
+    parts = {
+        k: _error_of(part, column, _of_output(ground.error, ground.strain_error, k), far)
+        for part in fitted
+        for column, k in enumerate(part.plan.outputs)
+    }
+    ordered = [parts[k] for k in sorted(parts)]
+    return stacked(ordered[: len(OUTPUTS)]), stacked(ordered[len(OUTPUTS) :])
+
+
+def _error_of(fitted: _Correction, column: int, ground: Terms, far: Floats) -> Terms:
+    """Return ln of the squared relative error of one output of a correction.
 
     At curves left out it is that of the correction; where it is asked for else, the correction and
     the emulator itself are two estimates of the same, whose precisions add up. Nine tenths of the
@@ -254,22 +316,18 @@ def _error_terms(ground: Surrogate, fitted: _Correction, far: Floats) -> Terms:
     near = fitted.points
     points = np.vstack([near, far])
     unit = np.concatenate([*fitted.unit_errors, fitted.unit_error(far)])
-    matrix, parts = features(FAMILY.orders, points), []
-    wide = norm.ppf(0.5 * (1.0 + INSIDE))
+    matrix = features(FAMILY.orders, points)
     weights = np.concatenate(
         [np.full(len(near), 1.0 / len(near)), np.full(len(far), 1.0 / len(far))]
     )
-    for k in ANGLES:
-        own = features(ground.error.orders, points) @ ground.error.coefficients[k]
-        correction = np.maximum(fitted.scale[k] * unit, SMALLEST)
-        log_square = -np.logaddexp(-2.0 * np.log(correction), -own)
-        level = _ridge(matrix, log_square, weights)
-        spread = np.abs(np.vstack(fitted.left_out)[:, k]) / np.exp(
-            0.5 * matrix[: len(near)] @ level
-        )
-        level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / wide)
-        parts.append(Terms(FAMILY.orders, level[None]))
-    return stacked([*parts, ground.error.output(len(OUTPUTS) - 1)])
+    own = features(ground.orders, points) @ ground.coefficients[0]
+    correction = np.maximum(fitted.scale[column] * unit, SMALLEST)
+    log_square = -np.logaddexp(-2.0 * np.log(correction), -own)
+    level = _ridge(matrix, log_square, weights)
+    missed = np.abs(np.vstack(fitted.left_out)[:, column])
+    spread = missed / np.exp(0.5 * matrix[: len(near)] @ level)
+    level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / norm.ppf(0.5 * (1.0 + INSIDE)))
+    return Terms(FAMILY.orders, level[None])
 
 
 RIDGE = 1e-3  # of a term's squared size, against all points together
@@ -292,22 +350,29 @@ def _points_of(asked: AskedInputs) -> Floats:
     return known
 
 
-def _record(ground: Surrogate, fitted: _Correction, error: Terms) -> str:
+def _record(ground: Surrogate, fitted: Sequence[_Correction], error: Terms) -> str:
     """Return the record of the emulator with what was solved, and how curves left out were met."""
-    record = json.loads(ground.record)
-    shares = coverage(
-        Terms(error.orders, error.coefficients[list(ANGLES)]),
-        fitted.points,
-        np.vstack(fitted.left_out),
-    )
+    record, names = json.loads(ground.record), (*OUTPUTS, *MEASURES)
+    found: Mapping[str, dict[str, float]] = {
+        names[k]: accuracy
+        for part in fitted
+        for k, accuracy in zip(part.plan.outputs, _accuracy(part, error), strict=True)
+    }
+    record["accuracy"] = record.get("accuracy", {}) | found
+    return json.dumps(record, indent=1)
+
+
+def _accuracy(fitted: _Correction, error: Terms) -> list[dict[str, float]]:
+    """Return of each output how curves left out were met."""
+    own = Terms(error.orders, error.coefficients[list(fitted.plan.outputs)])
+    shares = coverage(own, fitted.points, np.vstack(fitted.left_out))
     worst = np.array(
         [
             np.max(np.abs(run.weights[:, None] * missed), axis=0)
             for run, missed in zip(fitted.runs, fitted.left_out, strict=True)
         ]
     )
-    found: Mapping[str, dict[str, float]] = {
-        OUTPUTS[k]: summary(list(worst[:, k])) | {"coverage_90": shares[k]} for k in ANGLES
-    }
-    record["accuracy"] = record.get("accuracy", {}) | found
-    return json.dumps(record, indent=1)
+    return [
+        summary(list(column)) | {"coverage_90": share}
+        for column, share in zip(worst.T, shares, strict=True)
+    ]

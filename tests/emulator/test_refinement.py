@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.emulator.local import AskedInputs, counted_in, curves_along, curves_of
 from bayesdeg.emulator.refinement import FEWEST, refine
-from bayesdeg.emulator.regression import observe
+from bayesdeg.emulator.regression import observe, reach
 from bayesdeg.emulator.scaling import GROUPS, Units
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.terms import features
@@ -20,12 +21,12 @@ NEUTRAL = np.array([group.neutral for group in GROUPS])
 ORDERS, WRONG = trained().terms.orders, 0.01
 
 
-def asked_of(count, seed, *, low=0.4, high=0.6):
+def asked_of(count, seed, *, low=0.4, high=0.6, loads=(0.2, 0.3)):
     generator = np.random.default_rng(seed)
     groups = np.tile(NEUTRAL, (count, 1))
     width = SPAN.upper[:3] - SPAN.lower[:3]
     groups[:, :3] = SPAN.lower[:3] + width * generator.uniform(low, high, (count, 3))
-    return AskedInputs(groups, generator.uniform(0.2, 0.3, count))
+    return AskedInputs(groups, generator.uniform(*loads, count))
 
 
 POSTERIOR, WHOLE = asked_of(200, 1), asked_of(400, 2, low=0.0, high=1.0)
@@ -53,6 +54,29 @@ def off():
 def refined(count, *, ground=None, seed=3):
     curves = curves_along(POSTERIOR, SPAN, count, seed=seed)
     return refine(ground or off(), curves, [sample(curve) for curve in curves], WHOLE)
+
+
+def strained(plain, wrong):
+    """The emulator with all its strains larger by a factor, and as uncertain."""
+
+    def larger(table, first, size):
+        coefficients = table.coefficients.copy()
+        coefficients[first:, np.all(table.orders == 0, axis=1)] += size
+        return replace(table, coefficients=coefficients)
+
+    def uncertain(table, first):
+        coefficients = table.coefficients.copy()
+        coefficients[first:] = 0.0
+        flat = replace(table, coefficients=coefficients)
+        return larger(flat, first, 2.0 * np.log(2.0 * wrong))
+
+    return replace(
+        plain,
+        terms=larger(plain.terms, 2, wrong),
+        strains=larger(plain.strains, 0, wrong),
+        error=uncertain(plain.error, 2),
+        strain_error=uncertain(plain.strain_error, 0),
+    )
 
 
 def errors_of(surrogate, curves):
@@ -109,10 +133,67 @@ def test_leaving_a_curve_out_is_fitting_without_it(better):
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
-def test_what_else_it_answers_stays(better):
+def test_strains_are_corrected_where_the_posterior_lies():
+    ground = strained(trained(), 0.03)
+    found = refined(8, ground=ground).surrogate
+    gaps = {True: [], False: []}
+    for curve in curves_of(asked_of(60, 9), SPAN, 12, seed=4):
+        run = observe(curve, sample(curve), span=SPAN, length=LENGTH)
+        points = run.coordinates.points
+        for is_refined, one in ((False, ground), (True, found)):
+            parts = ((one.terms, [2], [2]), (one.strains, list(range(6)), list(range(3, 9))))
+            for table, rows, outputs in parts:
+                y = features(table.orders, points) @ table.coefficients[rows].T
+                gap = y + run.coordinates.warp[:, None] - run.values[:, outputs]
+                gaps[is_refined].append(np.abs(gap).max(axis=0))
+    before, after = (np.concatenate(gaps[key]) for key in (False, True))
+    assert np.median(before) > 0.025
+    assert np.quantile(after, 0.9) < 5e-3
+    accuracy = json.loads(found.record)["accuracy"]
+    assert accuracy["peak_stretch"]["p95_pct"] < 1.0
+    assert accuracy["weibull_strain_10"]["p95_pct"] < 1.0
+
+
+def neutral_inputs(curve):
+    """A material with C1 = 1 MPa and no cause at work."""
+    m, one = curve.material, np.ones(1)
+    return Inputs(
+        pressure=1e3 * np.array([curve.loads[-1]]),
+        c1=one,
+        c2=m.c2_ratio * one,
+        c3=m.c3_ratio * one,
+        linear_scale=one,
+        paper_stiffness=1e3 * m.paper_group * one,
+    )
+
+
+def test_where_curves_end_is_corrected_and_no_better_known_than_it_was_met():
+    near = asked_of(100, 7, low=0.0, high=0.2, loads=(0.85, 0.95))
+    curves = curves_along(near, SPAN, 12, seed=3)
+    plain = trained()
+    late = plain.limit.coefficients.copy()
+    late[0, np.all(plain.limit.orders == 0, axis=1)] += 0.05
+    ground = replace(plain, limit=replace(plain.limit, coefficients=late))
+    found = refine(ground, curves, [sample(curve) for curve in curves], WHOLE).surrogate
+    new = curves_of(near, SPAN, 8, seed=5)
+    gaps = {"late": [], "found": []}
+    for curve in new:
+        end = reach(curve, sample(curve))
+        if end.open:
+            continue
+        for name, one in (("late", ground), ("found", found)):
+            limit = one.limit_pressure(neutral_inputs(curve)).pressure.ravel()[0]
+            gaps[name].append(abs(limit / (1e3 * end.load) - 1.0))
+    assert len(gaps["late"]) >= 4
+    assert np.median(gaps["late"]) > 0.03
+    assert np.max(gaps["found"]) < 0.02
+    (before,), (after,) = plain.limit.output(1).coefficients, found.limit.output(1).coefficients
+    assert np.all(after >= before)
+
+
+def test_where_too_few_curves_end_the_limit_stays(better):
     ground = off()
     assert better.surrogate.span == ground.span
-    assert better.surrogate.strains is ground.strains
     assert better.surrogate.limit is ground.limit
     again = Surrogate.from_arrays(better.surrogate.to_arrays())
     np.testing.assert_array_equal(again.terms.coefficients, better.surrogate.terms.coefficients)
