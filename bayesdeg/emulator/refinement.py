@@ -66,7 +66,7 @@ _WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
 _ANGLES = FitPlan(
     ANGLES, True, _WAVY, _WAVY, Prior(0.8, 0.6, 0.6, 5e-2), Prior(0.8, 0.6, 0.6, 5e-2)
 )
-_STEADY = Family((6, 2, 2, 2), (2, 1, 1, 1), ONCE)
+_STEADY = Family((10, 2, 2, 2), (2, 1, 1, 1), ONCE)
 _STRETCH = replace(_ANGLES, outputs=STRETCH, derivatives=False, family=_STEADY)
 REFINING = (
     _ANGLES,
@@ -75,13 +75,15 @@ REFINING = (
     replace(_STRETCH, outputs=EQUIVALENT),
 )
 """Terms of the corrections: what is left of a map that was fitted already is wavy, and its waves
-are small. Of quantiles few values tell little, so theirs are fewer."""
+are small. Quantiles, whose derivatives jump, are known by few values, so theirs are fewer but along
+the load."""
 ENDS = Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (0,))
 """Terms of the correction of where curves end."""
 SHARES = (0.3, 0.6, 1.0)
 """Of the largest load asked for, at which errors away from the posterior are looked at."""
 MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
 FEWEST = 4  # curves with which something can be left out
+FEWEST_ENDS = 2  # where curves end is moved by what two agree upon, little if they do not
 
 
 class TooFewCurvesError(BayesdegError):
@@ -283,7 +285,7 @@ def _limit(
     The error is that of the curves left out, or the emulator's own where that is larger.
     """
     ends = [reach(curve, one, steepest) for curve, one in zip(*solved, strict=True)]
-    if sum(end.load > 0.0 and not end.open for end in ends) < FEWEST:
+    if sum(end.load > 0.0 and not end.open for end in ends) < FEWEST_ENDS:
         return ground.limit
     found, own = fit_limit(ends, family=ENDS, ground=ground.limit.output(0)), ground.limit.output(1)
     first = np.all(own.orders == 0, axis=1)
