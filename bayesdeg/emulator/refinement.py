@@ -298,38 +298,31 @@ def _limit(
 def _error_terms(
     ground: Surrogate, fitted: Sequence[_Correction], far: Floats
 ) -> tuple[Terms, Terms]:
-    """Return ln of the squared relative errors of ``OUTPUTS`` and of ``MEASURES``."""
-    parts = {
-        k: _error_of(part, column, _of_output(ground.error, ground.strain_error, k), far)
-        for part in fitted
-        for column, k in enumerate(part.plan.outputs)
-    }
-    ordered = [parts[k] for k in sorted(parts)]
-    return stacked(ordered[: len(OUTPUTS)]), stacked(ordered[len(OUTPUTS) :])
-
-
-def _error_of(fitted: _Correction, column: int, ground: Terms, far: Floats) -> Terms:
-    """Return ln of the squared relative error of one output of a correction.
+    """Return ln of the squared relative errors of ``OUTPUTS`` and of ``MEASURES``.
 
     At curves left out it is that of the correction; where it is asked for else, the correction and
     the emulator itself are two estimates of the same, whose precisions add up. Nine tenths of the
     errors at curves left out lie within the 90 % interval.
     """
-    near = fitted.points
+    near = fitted[0].points
     points = np.vstack([near, far])
-    unit = np.concatenate([*fitted.unit_errors, fitted.unit_error(far)])
     matrix = features(FAMILY.orders, points)
-    weights = np.concatenate(
-        [np.full(len(near), 1.0 / len(near)), np.full(len(far), 1.0 / len(far))]
-    )
-    own = features(ground.orders, points) @ ground.coefficients[0]
-    correction = np.maximum(fitted.scale[column] * unit, SMALLEST)
-    log_square = -np.logaddexp(-2.0 * np.log(correction), -own)
-    level = _ridge(matrix, log_square, weights)
-    missed = np.abs(np.vstack(fitted.left_out)[:, column])
-    spread = missed / np.exp(0.5 * matrix[: len(near)] @ level)
-    level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / norm.ppf(0.5 * (1.0 + INSIDE)))
-    return Terms(FAMILY.orders, level[None])
+    weights = np.repeat([1.0 / len(near), 1.0 / len(far)], [len(near), len(far)])
+    parts: dict[int, Terms] = {}
+    for part in fitted:
+        unit = np.concatenate([*part.unit_errors, part.unit_error(far)])
+        corrections = np.maximum(part.scale * unit[:, None], SMALLEST).T
+        missed = np.abs(np.vstack(part.left_out)).T
+        for k, correction, at_near in zip(part.plan.outputs, corrections, missed, strict=True):
+            own = _of_output(ground.error, ground.strain_error, k)
+            log_own = features(own.orders, points) @ own.coefficients[0]
+            log_square = -np.logaddexp(-2.0 * np.log(correction), -log_own)
+            level = _ridge(matrix, log_square, weights)
+            spread = at_near / np.exp(0.5 * matrix[: len(near)] @ level)
+            level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / norm.ppf(0.5 * (1.0 + INSIDE)))
+            parts[k] = Terms(FAMILY.orders, level[None])
+    ordered = [parts[k] for k in sorted(parts)]
+    return stacked(ordered[: len(OUTPUTS)]), stacked(ordered[len(OUTPUTS) :])
 
 
 RIDGE = 1e-3  # of a term's squared size, against all points together
