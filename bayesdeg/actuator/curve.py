@@ -542,6 +542,9 @@ def _reactions(
 
 # of a campaign: beyond so many factorizations a path is not one that an emulator should learn
 SAMPLING = PathEffort(total=150)
+LEARNED_STEPS = 3
+"""Fewest of a path that is learned: a stiff part goes to its end in one step, which says nothing of
+the course between."""
 
 
 class ExactMap:
@@ -774,7 +777,7 @@ def sample_task(
     """Sample one curve, with this process's copy of the mesh built once, its tip held or free."""
     geometry, resolution, curve = task
     actuator = _HELD.get(geometry, resolution, held=held, origin=origin)
-    return actuator.sample(curve, effort=effort or SAMPLING)
+    return actuator.sample(curve, effort=replace(effort or SAMPLING, steps=LEARNED_STEPS))
 
 
 def _alike(rows: dict[str, Floats], row: int) -> list[NDArray[np.intp]]:

@@ -205,6 +205,8 @@ class StepControl:
         A step that fails is not tried below it [–].
     end : float
         The last load [–].
+    longest : float
+        No step is longer [–].
     target : float
         Wanted error of the guess [mm].
     exact : bool
@@ -214,6 +216,7 @@ class StepControl:
     step: float
     smallest: float
     end: float
+    longest: float
     target: float
     exact: bool
 
@@ -229,7 +232,8 @@ class StepControl:
         smallest = min(float(np.min(gaps)), float(loads[-1]) / len(loads)) / 2**effort.halvings
         target = effort.tolerance * size
         end = float(loads[-1])
-        return cls(min(first, end), smallest, end, target, effort.exact)
+        longest = end / effort.steps
+        return cls(min(first, longest), smallest, end, longest, target, effort.exact)
 
     def next_load(self, here: float, loads: Sequence[float]) -> float:
         """Return where the next step ends; never just short of the last load."""
@@ -253,7 +257,8 @@ class StepControl:
         """Return the control after a step whose guess was off by ``error`` [mm]."""
         order = 2 * min(points, MEMORY) - 1
         growth = (0.5 * self.target / max(error, 1e-300)) ** (1.0 / order)
-        return replace(self, step=self.step * float(np.clip(growth, 0.4, LARGEST_GROWTH)))
+        step = self.step * float(np.clip(growth, 0.4, LARGEST_GROWTH))
+        return replace(self, step=min(step, self.longest))
 
 
 STEPS = 40

@@ -74,6 +74,8 @@ class PathEffort:
         Relative change at which the tangent of the path is taken for settled [–].
     first_step : float
         Largest displacement in the first step of the load over the size of the body [–].
+    steps : int
+        At least so many are made up to the last load.
     exact : bool
         Whether an equilibrium is found at every load asked for; otherwise the path is interpolated
         between the steps that its course needs, with an error below the tolerance.
@@ -86,6 +88,7 @@ class PathEffort:
     seconds: float = inf
     rate_tolerance: float = 5e-4
     first_step: float = 0.03
+    steps: int = 1
     exact: bool = False
 
 

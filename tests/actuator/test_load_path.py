@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
@@ -142,3 +143,15 @@ def test_no_load_needs_no_solution_beyond_rest(two_chambers, fresh):
 @pytest.mark.parametrize("status", Status)
 def test_every_status_has_advice(status):
     assert len(status.advice) > 10
+
+
+def test_a_path_is_parted_into_as_many_steps_as_are_asked_for(two_chambers, fresh):
+    """Paths that need few steps are all that tells of a stiff part."""
+    loads, count = (0.01, 0.02), {}
+    for steps in (1, 3, 5):
+        found = two_chambers.sample(Curve(loads, fresh), effort=PathEffort(steps=steps))
+        assert found.status is Status.CONVERGED
+        assert found.loads[-1] == loads[-1]
+        assert np.max(np.diff(found.loads)) <= loads[-1] / steps * (1.0 + 1e-9)
+        count[steps] = len(found.loads) - 1
+    assert count[1] < 3 <= count[3] < count[5]
