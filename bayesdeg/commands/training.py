@@ -260,7 +260,7 @@ def train_where_asked(
         design = design.further(found.asked, added)
     campaigns = [campaign]
     if is_refined_last:
-        base = Campaign(geometry, recipe, store, executor)
+        base = Campaign(geometry, recipe, store, executor, alike=campaign.runs)
         try:
             last, surrogate = _refined(study, surrogate, base, LAST_ROUNDS, manner)
         except TooFewCurvesError as fault:

@@ -45,8 +45,9 @@ Floats = NDArray[np.float64]
 
 DRAWS = 60  # of what each set of causes asks
 OFF = 2.5  # standard deviations of the specimens' stiffness that draws reach
-# a curve of either mesh over one assembly and factorization, with derivatives: 70 to 110
-FACTORIZATIONS = 80
+# a curve of either mesh over one assembly and factorization, with derivatives: 25 to 40 in the
+# median of three pneunets, up to 60 where most curves go on to where they balloon
+FACTORIZATIONS = 40
 PLAIN = MaterialGroups(c2_ratio=0.0, c3_ratio=0.01, paper_group=100.0)
 
 
@@ -70,6 +71,8 @@ class Campaign:
         Where one study may ask; by default the whole range.
     later : int
         Runs of the fine mesh that follow, where the posterior will lie.
+    alike : sequence of Run
+        Of the same actuator, solved before: how long they took says how long these take.
     """
 
     geometry: Moulded
@@ -79,6 +82,7 @@ class Campaign:
     timeout: float = np.inf
     design: LocalDesign | None = None
     later: int = 0
+    alike: Sequence[Run] = ()
 
     @property
     def runs(self) -> list[Run]:
@@ -158,8 +162,8 @@ class Expectation:
 def expect(campaign: Campaign, progress: Progress) -> Expectation:
     """Return how long a campaign takes, within seconds.
 
-    Where runs of a mesh were timed, by their median; else by the time of one factorization of its
-    tangent, of which a curve takes about `FACTORIZATIONS`.
+    Where runs of a mesh were timed, here or before, by their median; else by the time of one
+    factorization of its tangent, of which a curve takes about `FACTORIZATIONS`.
 
     Parameters
     ----------
@@ -196,7 +200,7 @@ def seconds_of_factorization(geometry: Moulded, mesh: Resolution) -> float:
 
 def _timed(campaign: Campaign) -> dict[Resolution, list[float]]:
     seconds, by_mesh = campaign.store.seconds(), dict[Resolution, list[float]]()
-    for run in campaign.runs:
+    for run in dict.fromkeys((*campaign.runs, *campaign.alike)):
         if run.key() in seconds:
             by_mesh.setdefault(run.resolution, []).append(seconds[run.key()])
     return by_mesh

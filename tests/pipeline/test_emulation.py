@@ -1,6 +1,6 @@
 """How long a campaign takes, how far it is, and what it trains."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median
 
 import pytest
@@ -68,6 +68,12 @@ def test_the_time_is_known_from_a_factorization_and_then_from_runs(campaign):
     assert again.stages == [("timing the meshes", 1)]
     assert expectation.left == {COARSE: 3, FINE: 2}
     assert expectation.each[COARSE] == pytest.approx(median(campaign.store.seconds().values()))
+    # and so does what was solved of the same actuator for another campaign
+    other = replace(campaign, recipe=replace(RECIPE, seed=RECIPE.seed + 1))
+    assert not set(few) & set(other.runs)
+    assert expect(other, Silent()).each[COARSE] != expectation.each[COARSE]
+    alike = expect(replace(other, alike=campaign.runs), Silent())
+    assert alike.each[COARSE] == expectation.each[COARSE]
 
 
 @pytest.mark.fem
