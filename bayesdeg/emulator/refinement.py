@@ -63,9 +63,8 @@ Floats = NDArray[np.float64]
 
 ONCE = (1, 1, 1, 1, 1, 1, 1, 1, 1)
 _WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
-_ANGLES = FitPlan(
-    ANGLES, True, _WAVY, _WAVY, Prior(0.8, 0.6, 0.6, 5e-2), Prior(0.8, 0.6, 0.6, 5e-2)
-)
+_PRIOR = Prior(0.8, 0.6, 0.6, 5e-2)
+_ANGLES = FitPlan(ANGLES, True, _WAVY, _WAVY, _PRIOR, _PRIOR)
 _STEADY = Family((10, 2, 2, 2), (2, 1, 1, 1), ONCE)
 _STRETCH = replace(_ANGLES, outputs=STRETCH, derivatives=False, family=_STEADY)
 REFINING = (
@@ -232,6 +231,12 @@ class _Correction:
         scale: Floats = np.quantile(spread, INSIDE, axis=0) / wide
         return scale
 
+    def prior_error(self, points: Floats) -> Floats:
+        """Return the standard error at points without any curve, for residuals of 1, (n,)."""
+        scaled = features(self.alone.orders, points) * self.alone.scales
+        spread: Floats = np.linalg.norm(scaled, axis=1) / self.plan.prior.noise
+        return spread
+
     def unit_error(self, points: Floats) -> Floats:
         """Return the standard error at points for residuals of 1, (n,)."""
         scaled = features(self.alone.orders, points) * self.alone.scales
@@ -240,11 +245,15 @@ class _Correction:
 
 
 def _held_near_zero(ground: Surrogate, points: Floats, plan: FitPlan) -> Equations:
-    """Return equations of no correction, each weighted by the rounding of paths over the error."""
+    """Return equations of no correction, each weighted by the rounding of paths over the error.
+
+    Errors of an emulator are alike from place to place, so that all together weigh as one: as many
+    that were independent would hold the correction at zero where the curves lie too.
+    """
     thinned = points[:: max(1, len(points) // MOST_HELD)]
     own = stacked([_of_output(ground.error, ground.strain_error, k) for k in plan.outputs])
     log_square = features(own.orders, thinned) @ own.coefficients.T
-    weights = SMALLEST * np.exp(-0.5 * log_square.max(axis=1))
+    weights = SMALLEST * np.exp(-0.5 * log_square.max(axis=1)) / np.sqrt(len(thinned))
     matrix = weights[:, None] * features(plan.family.orders, thinned)
     return Equations(matrix, np.zeros((len(thinned), len(plan.outputs))), len(thinned))
 
@@ -300,9 +309,9 @@ def _error_terms(
 ) -> tuple[Terms, Terms]:
     """Return ln of the squared relative errors of ``OUTPUTS`` and of ``MEASURES``.
 
-    At curves left out it is that of the correction; where it is asked for else, the correction and
-    the emulator itself are two estimates of the same, whose precisions add up. Nine tenths of the
-    errors at curves left out lie within the 90 % interval.
+    Of the emulator's own error that share is left to which the curves narrow the terms; beside it
+    there is that of the correction. Nine tenths of the errors at curves left out lie within the
+    90 % interval.
     """
     near = fitted[0].points
     points = np.vstack([near, far])
@@ -311,12 +320,15 @@ def _error_terms(
     parts: dict[int, Terms] = {}
     for part in fitted:
         unit = np.concatenate([*part.unit_errors, part.unit_error(far)])
+        left = np.minimum(unit / part.prior_error(points), 1.0)
         corrections = np.maximum(part.scale * unit[:, None], SMALLEST).T
         missed = np.abs(np.vstack(part.left_out)).T
         for k, correction, at_near in zip(part.plan.outputs, corrections, missed, strict=True):
             own = _of_output(ground.error, ground.strain_error, k)
             log_own = features(own.orders, points) @ own.coefficients[0]
-            log_square = -np.logaddexp(-2.0 * np.log(correction), -log_own)
+            log_square = np.minimum(
+                np.logaddexp(2.0 * np.log(correction), 2.0 * np.log(left) + log_own), log_own
+            )
             level = _ridge(matrix, log_square, weights)
             spread = at_near / np.exp(0.5 * matrix[: len(near)] @ level)
             level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / norm.ppf(0.5 * (1.0 + INSIDE)))
