@@ -7,9 +7,11 @@ polynomials whose coefficients are expected to be small,
 .. math:: y(x) = Y(x) + a \cdot \varphi(x), \qquad
     a \sim N(0, N^{-1}), \quad N = S^{-2} + \sigma^{-2} A^T A,
 
-with A the rows of all curves and S prior standard deviations. So the correction is known where the
-curves lie, and its standard error, :math:`\sqrt{\varphi N^{-1} \varphi}`, grows away from there
-to that of the emulator itself. Its scale is that of the errors at curves left out.
+with A the rows of all curves and S prior standard deviations; where else the emulator is asked for,
+rows of no correction weigh by its own error, all together as one. The standard error of the
+correction, :math:`\sqrt{\varphi N^{-1} \varphi}` with the curves' rows alone, has the scale of the
+errors at curves left out; the share of the prior's, :math:`\sqrt{\varphi S^2 \varphi}`, that it
+still is, is left of the emulator's own error too.
 
 Where curves end is corrected likewise, by a constant and its slopes in the material.
 """
