@@ -84,7 +84,7 @@ SHARES = (0.3, 0.6, 1.0)
 """Of the largest load asked for, at which errors away from the posterior are looked at."""
 MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
 FEWEST = 4  # curves with which something can be left out
-FEWEST_ENDS = 2  # where curves end is moved by what two agree upon, little if they do not
+FEWEST_ENDS = 2  # of curves seen to end, with which one can be left out
 
 
 class TooFewCurvesError(BayesdegError):
