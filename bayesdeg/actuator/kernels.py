@@ -220,11 +220,10 @@ def solid(
     float
         The smallest J; if that is not above 0, nothing else means anything.
     """
-    n_local, n_points, n_modes = elements.shape[1], weights.shape[1], modes.shape[1]
-    couples = n_modes if coupling.size > 0 else 0
-    rows, local = np.empty((3 + 3 * couples, 3 * n_points)), np.empty((n_local, 3))
-    right = np.empty((3 * n_points, 6 * n_local if data.size > 0 else 0))
-    smallest = 1e300
+    n_local, n_points = elements.shape[1], weights.shape[1]
+    coupled = modes.shape[1] if coupling.size > 0 else 0
+    rows, local = np.empty((3 + 3 * coupled, 3 * n_points)), np.empty((n_local, 3))
+    right, smallest = np.empty((3 * n_points, 6 * n_local if data.size > 0 else 0)), 1e300
     for e in range(weights.shape[0]):
         gather(displacement, elements[e], local)
         gradient = gradients[e].reshape((3 * n_points, n_local))
@@ -245,8 +244,7 @@ def solid(
         smallest = min(smallest, jacobian)
         products = rows @ gradient
         add_force(products[:3], elements[e], force)
-        if couples > 0:
-            _couple(products, coupling[e])
+        _couple(products, e, coupling)
         if data.size > 0:
             volumetric = coupling[e].T @ ((bulk * inverse_mass[e]) @ coupling[e])
             scatter_upper(gradient.T @ right, volumetric, position[e], data)
@@ -254,13 +252,13 @@ def solid(
 
 
 @njit(cache=True)
-def _couple(products: Floats, coupling: Floats) -> None:  # pragma: no cover - compiled
-    """Overwrite ``coupling`` (n_modes, 3 n_local) with the rows after the first three."""
+def _couple(products: Floats, e: int, coupling: Floats) -> None:  # pragma: no cover - compiled
+    """Overwrite an element's couplings, if there are any, with the rows after the first three."""
     n_local = products.shape[1]
-    for m in range(coupling.shape[0]):
+    for m in range(coupling.shape[1] if coupling.size > 0 else 0):
         for i in range(3):
             for n in range(n_local):
-                coupling[m, i * n_local + n] = products[3 + 3 * m + i, n]
+                coupling[e, m, i * n_local + n] = products[3 + 3 * m + i, n]
 
 
 @njit(cache=True)

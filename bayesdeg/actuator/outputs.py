@@ -316,7 +316,7 @@ class RelativeStrains:
         """Return (1/V ∫ ε^m dV)^(1/m) [–]."""
         # relative to the largest, lest high powers of small strains vanish
         mean = float(np.sum(self.shares * np.exp(modulus * self.logarithm)))
-        return self.largest * mean ** (1.0 / modulus)
+        return float(self.largest * mean ** (1.0 / modulus))
 
     def slope(self, modulus: float, value: float) -> Floats:
         """Return the derivative of that value by the stretch of every point."""
