@@ -256,7 +256,7 @@ def volume_quantile(stretch: Floats, weights: Floats, share: float) -> float:
     return float((1.0 - part) * left + part * right)
 
 
-_SPARE = 2.0  # of the points that a quantile's share would need were all of one volume
+_SPARE = 2.0  # times as many points are ordered as lie beyond a quantile where volumes are alike
 
 
 def quantile_points(
@@ -271,11 +271,11 @@ def quantile_points(
     ordered = min(count, 2 + int(_SPARE * (1.0 - share) * count))
     while True:
         least = np.partition(values, count - ordered)[count - ordered]
-        top = np.flatnonzero(values >= least)
+        top = np.flatnonzero(~(values < least))
         top = top[np.argsort(values[top], kind="stable")]
         below = float(volumes[values < least].sum())
         middle = below + np.cumsum(volumes[top]) - 0.5 * volumes[top]
-        if middle[0] <= wanted or len(top) == count:
+        if middle[0] <= wanted or ordered == count:
             break
         ordered = min(count, 2 * ordered)
     right = int(np.clip(np.searchsorted(middle, wanted), 1, len(middle) - 1))
@@ -511,9 +511,10 @@ def _strain_readings(body: Body, state: MechanicalState) -> list[StrainReading]:
     """Measures of stretch, in the order of ``OUTPUTS``, with their derivatives."""
     fields = StrainFields.of(body, state)
     every = np.arange(len(body.elements))
+    peak, energy, difference = fields.quantiles()
     whole = [(m, fields.relative.weibull(m)) for m in WEIBULL_MODULI]
     return [
-        fields.quantile(fields.largest.value, lambda _, here: here),
+        peak,
         *(
             StrainReading(
                 value,
@@ -522,20 +523,16 @@ def _strain_readings(body: Body, state: MechanicalState) -> list[StrainReading]:
             )
             for m, value in whole
         ),
-        fields.quantile(fields.energy, lambda f, s: equivalent_stretches(f, s)[0]),
-        fields.quantile(fields.difference, lambda f, s: equivalent_stretches(f, s)[1]),
+        energy,
+        difference,
     ]
 
 
 def _strain_values(body: Body, state: MechanicalState) -> list[float]:
     """Measures of stretch alone, in the order of ``OUTPUTS``."""
     fields = StrainFields.of(body, state)
-    return [
-        fields.quantile(fields.largest.value, lambda _, here: here).value,
-        *(fields.relative.weibull(m) for m in WEIBULL_MODULI),
-        fields.quantile(fields.energy, lambda f, s: equivalent_stretches(f, s)[0]).value,
-        fields.quantile(fields.difference, lambda f, s: equivalent_stretches(f, s)[1]).value,
-    ]
+    peak, energy, difference = (reading.value for reading in fields.quantiles())
+    return [peak, *(fields.relative.weibull(m) for m in WEIBULL_MODULI), energy, difference]
 
 
 @dataclass(frozen=True)
@@ -572,7 +569,15 @@ class StrainFields:
         relative = RelativeStrains.of(value, body.weights)
         return cls(body, state.displacement, Stretches(value, f), energy, difference, relative)
 
-    def quantile(
+    def quantiles(self) -> list[StrainReading]:
+        """Return what 99 % of the volume stays below: of λ, and of both equivalent stretches."""
+        return [
+            self._quantile(self.largest.value, lambda _, here: here),
+            self._quantile(self.energy, lambda f, here: equivalent_stretches(f, here)[0]),
+            self._quantile(self.difference, lambda f, here: equivalent_stretches(f, here)[1]),
+        ]
+
+    def _quantile(
         self, field: Floats, stretches: Callable[[Floats, Stretches], Stretches]
     ) -> StrainReading:
         """Return what 99 % of the volume stays below, of stretches that rise with ``field``.

@@ -5,13 +5,18 @@ emulator is fitted to the curves' values, and where a reading is smooth to its e
 polynomials whose coefficients are expected to be small,
 
 .. math:: y(x) = Y(x) + a \cdot \varphi(x), \qquad
-    a \sim N(0, N^{-1}), \quad N = S^{-2} + \sigma^{-2} A^T A,
+    a \sim N(0, N^{-1}), \quad N = S^{-2} + \sigma^{-2} A^T A
+    + \frac{1}{m} \sum_{j=1}^m e_j^{-2} \varphi_j \varphi_j^T,
 
-with A the rows of all curves and S prior standard deviations; where else the emulator is asked for,
-rows of no correction weigh by its own error, all together as one. The standard error of the
-correction, :math:`\sqrt{\varphi N^{-1} \varphi}` with the curves' rows alone, has the scale of the
-errors at curves left out; the share of the prior's, :math:`\sqrt{\varphi S^2 \varphi}`, that it
-still is, is left of the emulator's own error too.
+with A the rows of all curves, S prior standard deviations, and e the emulator's own error at m
+places where else it is asked for, which weigh as one: its errors are alike from place to place.
+With the curves' rows alone, :math:`N_A = S^{-2} + \sigma^{-2} A^T A`, the stated standard error is
+
+.. math:: s^2 = \varphi N_A^{-1} \varphi + \rho^2 e^2, \qquad
+    \rho^2 = \varphi N_A^{-1} \varphi / \varphi S^2 \varphi,
+
+at most e: :math:`\rho` is what the curves leave of the prior. Its scale is that of the errors at
+curves left out.
 
 Where curves end is corrected likewise, by a constant and its slopes in the material.
 """

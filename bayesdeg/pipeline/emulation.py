@@ -45,8 +45,8 @@ Floats = NDArray[np.float64]
 
 DRAWS = 60  # of what each set of causes asks
 OFF = 2.5  # standard deviations of the specimens' stiffness that draws reach
-# a curve of either mesh over one assembly and factorization, with derivatives: 25 to 40 in the
-# median of three pneunets, up to 60 where most curves go on to where they balloon
+# a curve of either mesh over one assembly and factorization, with derivatives: 26 to 36 in the
+# medians of either mesh of two pneunets
 FACTORIZATIONS = 40
 PLAIN = MaterialGroups(c2_ratio=0.0, c3_ratio=0.01, paper_group=100.0)
 

@@ -173,3 +173,22 @@ def _gradients(body):
     """Shape function gradients as (n_elements, n_points, n_nodes, 3)."""
     gradients = body.gradients
     return gradients if gradients.shape[-1] == 3 else np.swapaxes(gradients, -1, -2)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from((1.0, 1.1, 1.25, 2.0)), st.floats(0.01, 50.0)), min_size=2),
+    st.floats(0.0, 1.0),
+)
+def test_a_quantile_of_the_most_stretched_is_that_of_all_in_order(points, share):
+    """Few of them are ordered; ties, unequal volumes and any share come to the same."""
+    stretch, weights = np.array(points).T
+    order = np.argsort(stretch, kind="stable")
+    middle = np.cumsum(weights[order]) - 0.5 * weights[order]
+    expected = np.interp(share * weights.sum(), middle, stretch[order])
+    assert volume_quantile(stretch, weights, share) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_quantile_of_what_is_not_known_is_not_known():
+    assert np.isnan(volume_quantile(np.full(5, np.nan), np.ones(5), 0.99))
+    assert np.isnan(volume_quantile(np.array([1.0, 1.2, np.nan]), np.ones(3), 0.99))
+    assert volume_quantile(np.array([1.0, 1.2, np.nan]), np.ones(3), 0.0) == 1.0
