@@ -42,7 +42,7 @@ from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands.training import LOCAL, Manner, emulator_for
 from bayesdeg.console import errors
 from bayesdeg.data.study import Study, read_study
-from bayesdeg.emulator.campaign import complete
+from bayesdeg.emulator.campaign import complete, local_terms
 from bayesdeg.emulator.local import AskedInputs, curves_of, span_of
 from bayesdeg.emulator.regression import reach
 from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
@@ -145,7 +145,9 @@ def held_out(study: Study, asked: AskedInputs, count: int, workers: int) -> list
     ]
 
 
-def errors_of(surrogate: Surrogate, curves: list[HeldOut]) -> tuple[Floats, list[float]]:
+def errors_of(
+    surrogate: Surrogate, curves: list[HeldOut], steepest: float
+) -> tuple[Floats, list[float]]:
     """Return largest errors of each curve over its largest value, (n, 3), and those of its end."""
     worst, ends = [], []
     for one in curves:
@@ -155,7 +157,7 @@ def errors_of(surrogate: Surrogate, curves: list[HeldOut]) -> tuple[Floats, list
         if known.any():
             gap = np.abs(found - one.truth)[:, known].max(axis=1)
             worst.append(100.0 * gap / np.abs(one.truth).max(axis=1))
-        end = reach(one.curve, one.samples)
+        end = reach(one.curve, one.samples, steepest)
         limit = surrogate.limit_pressure(one.inputs)
         if not end.open and limit.trained.all():
             ends.append(100.0 * abs(float(limit.pressure.ravel()[0]) / (1e3 * end.load) - 1.0))
@@ -183,8 +185,10 @@ def judged(name: str, workers: int, curves: int, exact_draws: int) -> Json:
     running = (time.perf_counter() - begun) / 60.0
     verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
     seen = held_out(study, posteriors_of(study, surrogate, SEED).asked, curves, workers)
-    worst, ends = errors_of(surrogate, seen)
-    before, _ = errors_of(surrogate, held_out(study, asked_of(study, SEED), curves, workers))
+    steepest = local_terms(geometry_of_study(study.settings)).steepest
+    worst, ends = errors_of(surrogate, seen, steepest)
+    earlier = held_out(study, asked_of(study, SEED), curves, workers)
+    before, _ = errors_of(surrogate, earlier, steepest)
     shift = shifted(study, surrogate, workers, exact_draws) if exact_draws else None
     p95 = np.quantile(worst, 0.95, axis=0)
     record = json.loads(surrogate.record)

@@ -341,7 +341,7 @@ def leaking_crack(size: float, generator: np.random.Generator) -> Physical:
         inside = np.sqrt((1.0 - share) * supply + share * ATMOSPHERE**2)
         return replace(inputs, pressure=inside - ATMOSPHERE)
 
-    return Physical("pressure_loss", {"fraction": 0.8 * share}, exact=False, met=met)
+    return Physical("pressure_loss", {"fraction": share}, exact=False, met=met)
 
 
 def wrong_weight(size: float, generator: np.random.Generator) -> Physical:

@@ -170,7 +170,9 @@ PLANTED = {
     "shrinkage_reading": Planted("careful", {"shrinkage_reading": {"scale_error": -0.18}}),
     "wall_thickness": Planted("careful", {"wall_thickness": {"excess": 0.08}}),
     "gravity": Planted("mounts", {"gravity": {"density": 1500.0}}),
-    "pressure_loss": Planted("careful", {"pressure_loss": {"fraction": 0.15}}),
+    "pressure_loss": Planted(
+        "careful", {"pressure_loss": {"fraction": 0.15}}, met=_met("pressure_loss")
+    ),
     "creep": Planted(
         "history",
         {"creep": {"amount": SHARE / (1.0 - SHARE), "time_constant": RELAXATION / (1.0 - SHARE)}},

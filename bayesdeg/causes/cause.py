@@ -263,8 +263,8 @@ class Cause:
     confusable_with : tuple of str
         Causes with a like signature in curvature alone.
     twins : tuple of str
-        Causes that no reading tells from it: what sets their evidence apart is priors of size, and
-        less than the rules are right to.
+        Causes that no reading of curvature, angle or volume tells from it: what sets their evidence
+        apart is priors of size, and less than the rules are right to.
     needs : tuple of str
         Columns of actuator.csv without which it cannot be judged.
     of_degradation : bool

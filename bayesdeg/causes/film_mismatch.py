@@ -20,7 +20,8 @@ Revealed by
 
 Refuted by
     Films cut from an actuator's wall that agree with cast ones. From curvature alone it cannot be
-    told from a loss of pressure, since the curvature depends on p/C1 alone.
+    told from a gauge that is off by a factor, since the curvature depends on p/C1 alone; nor, at
+    low pressures, from a leak.
 
 Source
     Bigi, Panzavolta, Rubini (2004), Biomaterials 25:5675, for stiffness of gelatin films against
@@ -57,5 +58,6 @@ CAUSE = Cause(
     revealed_by="a constant ratio at every pressure and degradation rate; refuted by films cut "
     "from an actuator that agree with cast ones",
     confusable_with=("pressure_loss", "gauge_gain", "wall_thickness", "shrinkage_reading"),
+    twins=("gauge_gain",),
     on_inputs=stiffen_casting,
 )

@@ -53,5 +53,6 @@ CAUSE = Cause(
     revealed_by="a small constant ratio at every pressure and degradation rate; refuted by a "
     "second gauge that reads the same",
     confusable_with=("film_mismatch", "pressure_loss", "initial_curvature", "wall_thickness"),
+    twins=("film_mismatch",),
     on_inputs=misgauge,
 )

@@ -10,6 +10,7 @@ from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.curvature_reading import trace_other_fibre
 from bayesdeg.causes.degradation_misread import FRESH, misread
 from bayesdeg.causes.degradation_scale import rescale
+from bayesdeg.causes.gauge_gain import misgauge
 from bayesdeg.causes.pressure_loss import lose_pressure
 from bayesdeg.causes.pressure_offset import shift_pressure
 from tests.emulator.closed_form import trained
@@ -65,22 +66,32 @@ def test_pressure_offset_keeps_one_offset_a_walker():
     np.testing.assert_array_equal(shifted.reference_pressure[:, 0, 0], [10.0, 0.0, 0.0])
 
 
-@given(fraction=st.floats(0.0, 0.9), reference=st.floats(0.0, 30.0))
+@given(
+    fraction=st.floats(0.0, 0.9), pressure=st.floats(0.1, 500.0), reference=st.floats(0.0, 30.0)
+)
 @settings(max_examples=40)
-def test_pressure_loss_leaves_a_constant_share(fraction, reference):
-    leaked = lose_pressure(
-        inputs_at(PRESSURE, np.array([[reference]])), CONDITIONS, effect(fraction=fraction)
-    )
-    np.testing.assert_allclose(leaked.pressure[0], (1.0 - fraction) * PRESSURE, rtol=1e-15)
-    np.testing.assert_allclose(leaked.reference_pressure[0, 0, 0], (1.0 - fraction) * reference)
+def test_as_much_flows_through_the_tube_as_through_the_leak(fraction, pressure, reference):
+    """A gas flows with the difference of the squares of absolute pressures."""
+    read = inputs_at(np.array([pressure]), np.array([[reference]]))
+    leaked = lose_pressure(read, CONDITIONS, effect(fraction=fraction))
+    ends = ((pressure, leaked.pressure), (reference, leaked.reference_pressure))
+    for before, behind in ends:
+        supply, inside, outside = before + 101.325, behind.item() + 101.325, 101.325
+        tube, leak = supply**2 - inside**2, inside**2 - outside**2
+        assert (1.0 - fraction) * tube == pytest.approx(fraction * leak, rel=1e-6, abs=1e-6)
 
 
-def test_pressure_loss_cannot_be_told_from_stiffer_material():
+def test_a_small_pressure_loses_the_fraction_itself():
+    leaked = lose_pressure(inputs_at(np.array([1e-3])), CONDITIONS, effect(fraction=0.2))
+    assert leaked.pressure.item() == pytest.approx(0.8e-3, rel=1e-5)
+
+
+def test_a_gauge_that_is_off_by_a_factor_cannot_be_told_from_stiffer_material():
     """κ depends on p/C1 alone if the paper is stiffened alike."""
     one = np.ones((1, 1))
-    leaked = trained()(lose_pressure(inputs_at(PRESSURE), CONDITIONS, effect(fraction=0.2)))
+    off = trained()(misgauge(inputs_at(PRESSURE), CONDITIONS, effect(gain=-0.2)))
     stiff = trained()(Inputs(PRESSURE, 0.5 * one, 0 * one, 0.0125 * one, 0.85 * one, 3.75e4 * one))
-    np.testing.assert_allclose(leaked.curvature[0], stiff.curvature, rtol=1e-12)
+    np.testing.assert_allclose(off.curvature[0], stiff.curvature, rtol=1e-12)
 
 
 def arc_points(radius, angle, count=200):

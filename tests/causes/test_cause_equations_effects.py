@@ -171,13 +171,13 @@ def test_a_smaller_part_bends_in_constant_ratio_by_the_same_angle():
     assert np.ptp(ratio[0, 0]) < 2e-3
 
 
-def test_a_stiffer_casting_is_a_loss_of_pressure():
+def test_a_stiffer_casting_is_a_gauge_that_is_off_by_a_factor():
     """But for the share of the paper, which does not stiffen with the gel."""
     inputs, conditions = inputs_of(), conditions_of()
     stiff = find("film_mismatch").on_inputs(inputs, conditions, effect(log_ratio=0.1))
-    leak = find("pressure_loss").on_inputs(inputs, conditions, effect(fraction=1.0 - np.exp(-0.1)))
-    scaled = replace(leak, paper_stiffness=leak.paper_stiffness * np.exp(-0.1))
-    one, other, near = (surrogate()(i).curvature for i in (stiff, scaled, leak))
+    gauge = find("gauge_gain").on_inputs(inputs, conditions, effect(gain=np.exp(-0.1) - 1.0))
+    scaled = replace(gauge, paper_stiffness=gauge.paper_stiffness * np.exp(-0.1))
+    one, other, near = (surrogate()(i).curvature for i in (stiff, scaled, gauge))
     np.testing.assert_allclose(one, other, rtol=1e-11)
     np.testing.assert_allclose(one, near, rtol=6e-3)
     assert np.all(one < surrogate()(inputs).curvature)

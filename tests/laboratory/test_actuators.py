@@ -139,7 +139,7 @@ def test_reading_another_fibre_changes_the_curvature_and_not_the_bend_angle():
 
 def test_effects_act_together():
     table = many(10.0, 4)
-    effects = ["curvature_reading.magnification=0.02", "pressure_loss=0.1", "pressure_offset=14"]
+    effects = ["curvature_reading.magnification=0.02", "gauge_gain=-0.1", "pressure_offset=14"]
     readings, specimens = inflate(table, QUIET, effects)
     real = 0.9 * readings["pressure_kPa"] - 14.0
     np.testing.assert_allclose(

@@ -320,14 +320,14 @@ def log_odds_against(assembly, hidden, rival):
     return list(found.values())
 
 
-def test_volumes_tell_thicker_walls_from_stiffer_ones_and_not_a_leak(small):
-    """A leak acts as a stiffer material does, on every length: theory says that nothing is gained.
+def test_volumes_tell_thicker_walls_from_stiffer_ones_and_not_a_gauge(small):
+    """A gauge that is off by a factor acts as other material does, on every length: nothing is gained.
 
     Curvatures alone hardly tell thick walls from a stiff material; volumes do.
     """
     alone, both = log_odds_against(small, "wall_thickness", "film_mismatch")
     assert alone < 0.5
     assert both > 1.5
-    alone, both = log_odds_against(small, "pressure_loss", "film_mismatch")
+    alone, both = log_odds_against(small, "gauge_gain", "film_mismatch")
     assert alone < 0.05
     assert both < 0.05

@@ -60,12 +60,15 @@ class CurvatureFit:
 def predict_readings(
     model: JointModel, chain: Chain, generator: np.random.Generator, *, draws: int = 400
 ) -> CurvatureFit:
-    """Return posterior predictions at the conditions of the data."""
+    """Return posterior predictions at the conditions of the data; nan where no draw has any."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[generator.integers(len(flat), size=draws)])
-    mean = np.nanmean(model.curvature(values).curvature, axis=0)
-    low, high = np.nanquantile(model.simulate_curvature(values, generator), [0.05, 0.95], axis=0)
-    return CurvatureFit(mean, low, high)
+    curvature = model.curvature(values).curvature
+    read = model.simulate_curvature(values, generator)
+    known = np.any(np.isfinite(curvature), axis=0) & np.any(np.isfinite(read), axis=0)
+    mean = np.where(known, np.nanmean(np.where(known, curvature, 0.0), axis=0), np.nan)
+    low, high = np.nanquantile(np.where(known, read, 0.0), [0.05, 0.95], axis=0)
+    return CurvatureFit(mean, np.where(known, low, np.nan), np.where(known, high, np.nan))
 
 
 def r_squared(measured: Floats, predicted: Floats) -> float:
