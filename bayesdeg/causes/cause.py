@@ -216,24 +216,6 @@ def scaled_stiffness(inputs: Inputs, factor: Floats) -> Inputs:
     )
 
 
-def scaled_pressure(inputs: Inputs, factor: Floats) -> Inputs:
-    """Return inputs at a pressure other than that read by a factor, and counted from one alike.
-
-    Parameters
-    ----------
-    inputs : Inputs
-        As other causes left them.
-    factor : array, shape (walkers, 1, 1)
-        True pressure over that read [–].
-    """
-    reference = inputs.reference_pressure
-    return replace(
-        inputs,
-        pressure=factor * inputs.pressure,
-        reference_pressure=None if reference is None else factor * reference,
-    )
-
-
 def always_visible(conditions: Conditions | FilmConditions) -> None:
     """Say nothing: no test is blind to the cause."""
 

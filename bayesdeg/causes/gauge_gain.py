@@ -26,14 +26,21 @@ Source
     doi:10.3389/frobt.2021.760485, which states none.
 """
 
+from dataclasses import replace
+
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage, scaled_pressure
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def misgauge(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs at (1 + g) p, and counted from (1 + g) times the reference pressure."""
-    return scaled_pressure(inputs, 1.0 + effect["gain"])
+    factor, reference = 1.0 + effect["gain"], inputs.reference_pressure
+    return replace(
+        inputs,
+        pressure=factor * inputs.pressure,
+        reference_pressure=None if reference is None else factor * reference,
+    )
 
 
 CAUSE = Cause(

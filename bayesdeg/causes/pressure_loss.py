@@ -66,7 +66,7 @@ def lose_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inp
 
 
 def _behind(pressure: Floats, lost: Floats) -> Floats:
-    """Return the pressure left; φ p (p + 2 p₀)/(P₁ + P₂) is lost, which changes nothing at φ = 0."""
+    """Return the pressure left: φ p (p + 2 p₀)/(P₁ + P₂) is lost, so that φ = 0 changes no bit."""
     before = pressure + ATMOSPHERE
     behind = np.sqrt((1.0 - lost) * before**2 + lost * ATMOSPHERE**2)
     found: Floats = pressure * (1.0 - lost * (before + ATMOSPHERE) / (before + behind))

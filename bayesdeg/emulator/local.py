@@ -385,7 +385,7 @@ def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: i
     return [_curve(place, load) for place, load in zip(places, loads, strict=True)]
 
 
-TOWARDS_LOADS = 1.0
+TOWARDS_LOADS = 1.0  # the power: errors of curves left out grow from 0.01 to 0.1 % with the load
 SHORTEST = 0.06  # share of the largest load: below it curves are as their slope at rest says
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 

@@ -66,9 +66,7 @@ def test_pressure_offset_keeps_one_offset_a_walker():
     np.testing.assert_array_equal(shifted.reference_pressure[:, 0, 0], [10.0, 0.0, 0.0])
 
 
-@given(
-    fraction=st.floats(0.0, 0.9), pressure=st.floats(0.1, 500.0), reference=st.floats(0.0, 30.0)
-)
+@given(fraction=st.floats(0.0, 0.9), pressure=st.floats(0.1, 500.0), reference=st.floats(0.0, 30.0))
 @settings(max_examples=40)
 def test_as_much_flows_through_the_tube_as_through_the_leak(fraction, pressure, reference):
     """A gas flows with the difference of the squares of absolute pressures."""

@@ -158,7 +158,7 @@ def test_a_map_without_forces_is_refused():
 
 
 def test_hidden_causes_act_on_forces():
-    """A pressure that is read too high, of no reading error: the force of 0.8 times the pressure."""
+    """A gauge that shows too much, without reading errors: the force of 0.8 times the pressure."""
     quiet = replace(TOUGH, force_noise=0.0, force_noise_floor=0.0, stiffness_scatter=0.0)
     quiet = replace(quiet, c1=(0.4, 0.4, 0.4))
     experiment = make(truth=quiet, effects=("gauge_gain=-0.2",))

@@ -321,7 +321,7 @@ def log_odds_against(assembly, hidden, rival):
 
 
 def test_volumes_tell_thicker_walls_from_stiffer_ones_and_not_a_gauge(small):
-    """A gauge that is off by a factor acts as other material does, on every length: nothing is gained.
+    """A gauge off by a factor acts as other material does, on every length: nothing is gained.
 
     Curvatures alone hardly tell thick walls from a stiff material; volumes do.
     """
