@@ -31,7 +31,8 @@ LATEST = tuple(f"{number:02d}" for number in range(25, 30))
 SINGLE = [*(f"{number:02d}" for number in range(1, 16)), FLAWS, MISLABELLED, LOOSE, *LATEST]
 # what reads like the hidden cause in that study and may stand beside it
 ALIKE = {
-    "pressure_loss": {"film_mismatch"},
+    "pressure_loss": {"wall_thickness"},
+    "degraded_skin": {"pressure_loss"},  # within odds of 20: a leak of 4 %
     "paper_softening": {"delamination", "erosion"},
     "delamination": {"paper_softening", "erosion"},
     "initial_curvature": {"wall_thickness", "film_mismatch", "gauge_gain"},
@@ -122,10 +123,12 @@ def test_a_single_cause_is_named_with_its_size(verdicts, number):
     assert_found(verdicts[number].result().plain, hidden_in(number))
 
 
-def test_a_leak_of_air_is_told_from_stiffer_films(verdicts):
+def test_a_leak_of_air_is_told_from_another_film_and_reads_like_thicker_walls(verdicts):
     """It takes a smaller share of a larger pressure."""
     found = verdicts[LEAK].result().plain
-    assert_named(found, hidden_in(LEAK))
+    assert found.outcome == "ambiguous"
+    [either] = found.sets
+    assert set(either) == {"pressure_loss", "wall_thickness"}
 
 
 def test_two_causes_are_both_named(verdicts):
