@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,6 +129,21 @@ def test_predicted_readings_hold_nine_tenths_of_further_specimens(with_angle):
     further = model.simulate_curvature(values_of(TRUTH, 2000), generator)
     inside = np.mean((further >= fit.low) & (further <= fit.high))
     assert inside == pytest.approx(0.9, abs=0.02)
+
+
+def test_a_reading_that_no_draw_answers_has_no_prediction():
+    """Where the actuator of every draw balloons, say: without a warning, and beside others."""
+    drawn = np.ones((3, 1, 2))
+    drawn[:, :, 1] = np.nan
+    model = SimpleNamespace(
+        table=SimpleNamespace(named=lambda vectors: vectors),
+        curvature=lambda values: SimpleNamespace(curvature=drawn),
+        simulate_curvature=lambda values, generator: 2.0 * drawn,
+    )
+    chain = SimpleNamespace(vectors=np.zeros((1, 1, 1)))
+    fit = predict_readings(model, chain, np.random.default_rng(1), draws=3)
+    for found, known in ((fit.mean, 1.0), (fit.low, 2.0), (fit.high, 2.0)):
+        np.testing.assert_array_equal(found, [[known, np.nan]])
 
 
 def off_by(**modes):

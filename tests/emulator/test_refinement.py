@@ -243,6 +243,17 @@ def test_curves_along_are_spread_where_draws_differ_most():
     assert curves_along(along, SPAN, 6, seed=2) != curves
 
 
+def test_more_curves_lie_where_actuators_bend_far():
+    along = asked_of(400, 6)
+    along.groups[:, 1] = np.linspace(-6.0, -2.0, 400)
+    along.groups[:, 0] = 0.1 * along.groups[:, 1]
+    along.groups[:, 2] = 4.0 - 0.2 * along.groups[:, 1]
+    steep = AskedInputs(along.groups, np.linspace(0.0, 0.3, 400))
+    curves = curves_along(steep, SPAN, 16, seed=1)
+    soft = np.sum([np.log(curve.material.c3_ratio) > -4.0 for curve in curves])
+    assert soft == 12  # half of the draws, which bear three quarters of the load
+
+
 def test_every_second_curve_ends_earlier_and_each_elsewhere():
     curves = curves_along(POSTERIOR, SPAN, 16, seed=1)
     ends = np.array([curve.loads[-1] for curve in curves])
