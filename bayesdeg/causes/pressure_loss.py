@@ -16,11 +16,11 @@ Typical size
     away; a gauge that is off either way is ``gauge_gain``.
 
 Revealed by
-    A loss of curvature at every degradation rate, in a ratio that falls slowly with pressure. Below
-    some 50 kPa it is as good as constant, and cannot be told from a stiffer casting
-    (``film_mismatch``) by curvature alone, which depends on p/C1 alone; a second pressure sensor
-    can. A liquid in the place of air loses the same share of any pressure, which is read as a
-    stiffer casting.
+    A loss of curvature at every degradation rate, in a ratio that falls slowly with pressure: for
+    φ = 0.2, 0.86 φ of 50 kPa are lost, and 0.70 φ of 200 kPa. The smaller the pressures, the less
+    tells it from a stiffer casting (``film_mismatch``) by curvature alone, which depends on p/C1
+    alone; a second pressure sensor can. A liquid in the place of air loses the same share of any
+    pressure, which is read as a stiffer casting.
 
 Refuted by
     A pressure sensor at the far end of the chambers that reads the same.

@@ -20,12 +20,13 @@ of all groups gains in data simulated from the model. Degradation rates, mounts,
 and all readings together compete: where one of these is better, no group is told of.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit
@@ -63,12 +64,16 @@ def predict_readings(
     """Return posterior predictions at the conditions of the data; nan where no draw has any."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[generator.integers(len(flat), size=draws)])
-    curvature = model.curvature(values).curvature
+    mean = _known(model.curvature(values).curvature, partial(np.nanmean, axis=0))
     read = model.simulate_curvature(values, generator)
-    known = np.any(np.isfinite(curvature), axis=0) & np.any(np.isfinite(read), axis=0)
-    mean = np.where(known, np.nanmean(np.where(known, curvature, 0.0), axis=0), np.nan)
-    low, high = np.nanquantile(np.where(known, read, 0.0), [0.05, 0.95], axis=0)
-    return CurvatureFit(mean, np.where(known, low, np.nan), np.where(known, high, np.nan))
+    low, high = _known(read, partial(np.nanquantile, q=[0.05, 0.95], axis=0))
+    return CurvatureFit(mean, low, high)
+
+
+def _known(drawn: Floats, summary: Callable[[Floats], ArrayLike]) -> Floats:
+    """Return a summary over draws, (n_draws, ...), and nan where none of them is a number."""
+    known = np.any(np.isfinite(drawn), axis=0)
+    return np.where(known, summary(np.where(known, drawn, 0.0)), np.nan)
 
 
 def r_squared(measured: Floats, predicted: Floats) -> float:
