@@ -94,7 +94,8 @@ class PathRecord:
 
     def visit(self, step: LoadStep) -> None:
         """Record a converged step."""
-        if step.factors is None or not (self._wanted is None or step.state.load in self._wanted):
+        wanted = self._wanted is None or step.state.load in self._wanted
+        if step.factors is None or step.rate is None or not wanted:
             return
         values, gradients = read_with_gradients(self._mesh, step.state, previous_angle=self._angle)
         self._angle = float(values[0])
@@ -105,6 +106,7 @@ class PathRecord:
                 self._problem,
                 self._solver,
                 state=step.state,
+                rate=step.rate,
                 factors=step.factors,
                 readings=values,
                 gradients=gradients,
@@ -376,7 +378,7 @@ class Actuator:
         except (GeometryError, ValueError):
             return _empty(Status.INVALID_INPUT), _stacked([])
         with self._lock:
-            record = self._recorder(problem, mesh, frozenset(curve.loads), 1e-8)
+            record = self._recorder(problem, mesh, frozenset(curve.loads), exact.rate_tolerance)
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=exact, visit=record.visit)
         return _read_path(mesh, path, solver.name), _stacked(record.gradients)

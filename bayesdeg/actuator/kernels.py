@@ -142,25 +142,26 @@ def _add_second(
     m = np.empty((3, 3))
     second = _second(f, first, m)
     v1, isochoric, v2 = _root(second, jacobian, r)
-    left, right = f @ f.T, f.T @ f
-    d = isochoric * (2.0 * m - 4.0 / 3.0 * second * g)
-    a = v1 * isochoric
+    on, on_g = v1 * isochoric, 4.0 / 3.0 * second
     pair = 0
     for i in range(3):
         for k in range(i, 3):
+            left = f[i, 0] * f[k, 0] + f[i, 1] * f[k, 1] + f[i, 2] * f[k, 2]
             for j in range(3):
+                # V'' d_iJ d_kL with d = ∂Ī₂/∂F = J^(-4/3) (2 M − 4/3 I₂ G)
+                curved = v2 * isochoric * isochoric * (2.0 * m[i, j] - on_g * g[i, j])
+                by_f, by_m = 4.0 * on * f[i, j], 2.0 * curved - 8.0 / 3.0 * on * g[i, j]
+                by_g = on * (4.0 / 3.0 * on_g * g[i, j] - 8.0 / 3.0 * m[i, j]) - on_g * curved
                 for n in range(3):
-                    value = 2.0 * (2.0 * f[i, j] * f[k, n] - f[i, n] * f[k, j])
+                    crossed = on_g * g[i, n] * g[k, j] - 2.0 * f[i, n] * f[k, j]
+                    same = by_f * f[k, n] + by_m * m[k, n] + by_g * g[k, n]
+                    out[pair, j, n] += same + on * crossed
                     if i == k:
-                        value -= 2.0 * right[n, j]
-                    if j == n:
-                        value -= 2.0 * left[i, k]
-                    if i == k and j == n:
-                        value += 2.0 * first
-                    value -= 8.0 / 3.0 * (g[i, j] * m[k, n] + m[i, j] * g[k, n])
-                    value += 16.0 / 9.0 * second * g[i, j] * g[k, n]
-                    value += 4.0 / 3.0 * second * g[i, n] * g[k, j]
-                    out[pair, j, n] += a * value + v2 * d[i, j] * d[k, n]
+                        right = f[0, n] * f[0, j] + f[1, n] * f[1, j] + f[2, n] * f[2, j]
+                        out[pair, j, n] -= 2.0 * on * right
+                out[pair, j, j] -= 2.0 * on * left
+                if i == k:
+                    out[pair, j, j] += 2.0 * on * first
             pair += 1
 
 
@@ -467,19 +468,19 @@ def solid_products(
 ) -> None:  # pragma: no cover - compiled
     """Add the mixed problem's tangent times several directions, without assembling it.
 
-    ``directions`` and ``forces`` are (n_nodes, 3 k), the latter added to; ``pressure_directions``
-    and ``volume_rates`` are (n_elements, k, n_modes), the latter overwritten. The other arguments
-    are those of ``solid``.
+    ``directions`` and ``forces`` are (n_nodes, 3, k), the latter added to; ``pressure_directions``
+    and ``volume_rates`` are (n_elements, n_modes, k), the latter overwritten. The other arguments
+    are those of ``solid``. Directions lie side by side, so that each sum runs over all at once.
     """
-    n_local, n_points, count = elements.shape[1], weights.shape[1], pressure_directions.shape[1]
-    rows = np.empty((3 * count, 3 * n_points))
+    n_local, n_points, count = elements.shape[1], weights.shape[1], directions.shape[2]
+    rows = np.empty((3 * n_points, 3 * count))
     local = np.empty((n_local, 3 + 3 * count))
     for e in range(weights.shape[0]):
         for n in range(n_local):
             for i in range(3):
                 local[n, i] = displacement[elements[e, n], i]
-            for i in range(3 * count):
-                local[n, 3 + i] = directions[elements[e, n], i]
+                for k in range(count):
+                    local[n, 3 + i * count + k] = directions[elements[e, n], i, k]
         gradient = gradients[e].reshape((3 * n_points, n_local))
         volume_rates[e] = 0.0
         _evaluate_products(
@@ -493,8 +494,11 @@ def solid_products(
             rows,
             volume_rates[e],
         )
-        products = rows @ gradient
-        add_force(products, elements[e], forces)
+        products = gradient.T @ rows
+        for n in range(n_local):
+            for i in range(3):
+                for k in range(count):
+                    forces[elements[e, n], i, k] += products[n, i * count + k]
 
 
 @njit(cache=True)
@@ -509,13 +513,12 @@ def _evaluate_products(
     rows: Floats,
     volume_rates: Floats,
 ) -> None:  # pragma: no cover - compiled
-    """Overwrite ``rows`` with weighted changes of stress at an element's points, 3 a direction.
+    """Overwrite ``rows`` (3 n_points, 3 k) with weighted changes of stress at an element's points.
 
-    ``volume_rates`` (k, n_modes) is added to.
+    ``volume_rates`` (n_modes, k) is added to.
     """
-    f, g = np.empty((3, 3)), np.empty((3, 3))
-    df, change = np.empty((3, 3)), np.empty((3, 3))
-    a = np.empty((6, 3, 3))
+    f, g, a = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 3, 3))
+    dp, grown = np.empty(rows.shape[1] // 3), np.empty(rows.shape[1] // 3)
     for q in range(weights.shape[0]):
         for i in range(3):
             for j in range(3):
@@ -524,19 +527,62 @@ def _evaluate_products(
         jacobian = invert(f, g)
         w, p = weights[q], np.dot(pressure, modes[q])
         elasticity(f, g, jacobian, p, constants[q], a)
-        for k in range(pressure_directions.shape[0]):
-            for i in range(3):
-                for j in range(3):
-                    df[i, j] = slope[3 * q + j, 3 + 3 * k + i]
-            dp = np.dot(pressure_directions[k], modes[q])
-            apply_elasticity(a, df, change)
-            grown = 0.0
-            for i in range(3):
-                for j in range(3):
-                    rows[3 * k + i, 3 * q + j] = w * (change[i, j] + dp * jacobian * g[i, j])
-                    grown += jacobian * g[i, j] * df[i, j]
-            for m in range(modes.shape[1]):
-                volume_rates[k, m] += w * (grown - dp / bulk) * modes[q, m]
+        a *= w
+        g *= w * jacobian
+        change, stress_change = slope[3 * q : 3 * q + 3, 3:], rows[3 * q : 3 * q + 3]
+        _combine(modes[q], pressure_directions, dp)
+        _by_volume(g, change, dp, stress_change, grown)
+        _add_elasticity(a, change, stress_change)
+        for m in range(modes.shape[1]):
+            for k in range(dp.shape[0]):
+                volume_rates[m, k] += modes[q, m] * (grown[k] - w / bulk * dp[k])
+
+
+@njit(cache=True)
+def _combine(shares: Floats, fields: Floats, out: Floats) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` (k,) with the sum of shares (n,) of fields (n, k)."""
+    out[:] = 0.0
+    for m in range(shares.shape[0]):
+        for k in range(out.shape[0]):
+            out[k] += shares[m] * fields[m, k]
+
+
+@njit(cache=True)
+def _by_volume(
+    g: Floats, change: Floats, dp: Floats, out: Floats, grown: Floats
+) -> None:  # pragma: no cover - compiled
+    """Overwrite ``out`` with dp ⊗ G and ``grown`` with G : dF of several directions.
+
+    ``change`` and ``out`` are (3, 3 k): dF_iJ and dP_iJ of all directions in row J.
+    """
+    count = dp.shape[0]
+    grown[:] = 0.0
+    for j in range(3):
+        for i in range(3):
+            on, at = g[i, j], i * count
+            for k in range(count):
+                out[j, at + k] = on * dp[k]
+                grown[k] += on * change[j, at + k]
+
+
+@njit(cache=True)
+def _add_elasticity(a: Floats, change: Floats, out: Floats) -> None:  # pragma: no cover - compiled
+    """Add A : dF of several directions, laid out as in ``_by_volume``."""
+    count = change.shape[1] // 3
+    c0, c1, c2 = change[0], change[1], change[2]
+    pair = 0
+    for i in range(3):
+        for k in range(i, 3):
+            at, to = i * count, k * count
+            for j in range(3):
+                x, y, z = a[pair, j, 0], a[pair, j, 1], a[pair, j, 2]
+                for n in range(count):
+                    out[j, at + n] += x * c0[to + n] + y * c1[to + n] + z * c2[to + n]
+                if i != k:
+                    x, y, z = a[pair, 0, j], a[pair, 1, j], a[pair, 2, j]
+                    for n in range(count):
+                        out[j, to + n] += x * c0[at + n] + y * c1[at + n] + z * c2[at + n]
+            pair += 1
 
 
 @njit(cache=True)
@@ -597,21 +643,6 @@ def _evaluate_rates(
                 rows[3 + i, 3 * q + j] = unit * 3.0 * x * x * by_first
                 rows[6 + i, 3 * q + j] = unit * by_root
                 rows[9 + i, 3 * q + j] = yeoh * by_first + skin * c[3] * by_root
-
-
-@njit(cache=True)
-def apply_elasticity(a: Floats, df: Floats, out: Floats) -> None:  # pragma: no cover - compiled
-    """Overwrite ``out`` with A : dF."""
-    out[:] = 0.0
-    pair = 0
-    for i in range(3):
-        for k in range(i, 3):
-            for j in range(3):
-                for m in range(3):
-                    out[i, j] += a[pair, j, m] * df[k, m]
-                    if i != k:
-                        out[k, m] += a[pair, j, m] * df[i, j]
-            pair += 1
 
 
 THIRD = 1.0 / 3.0

@@ -413,8 +413,8 @@ class Problem:
             of the volume residual, (n_elements, n_modes).
         """
         body = self.system.body
-        along = np.concatenate([d.displacement for d in directions], axis=1)
-        pressures = np.stack([d.pressure for d in directions], axis=1)
+        along = np.stack([d.displacement for d in directions], axis=-1)
+        pressures = np.stack([d.pressure for d in directions], axis=-1)
         forces, volume_rates = np.zeros_like(along), np.empty_like(pressures)
         kernels.solid_products(
             state.displacement,
@@ -430,9 +430,9 @@ class Problem:
             forces,
             volume_rates,
         )
-        split = np.ascontiguousarray(forces.reshape(-1, len(directions), 3).transpose(1, 0, 2))
+        split = np.ascontiguousarray(np.moveaxis(forces, -1, 0))
         self._add_surface_products(state, directions, split)
-        return list(zip(split, np.ascontiguousarray(volume_rates.transpose(1, 0, 2)), strict=True))
+        return list(zip(split, np.ascontiguousarray(np.moveaxis(volume_rates, -1, 0)), strict=True))
 
     def _add_surface_products(
         self, state: MechanicalState, directions: Sequence[MechanicalState], forces: Floats

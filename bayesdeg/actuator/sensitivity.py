@@ -17,7 +17,7 @@ from bayesdeg.actuator import kernels, paper
 from bayesdeg.actuator.linear import Factorization
 from bayesdeg.actuator.material import LayerGroups, MaterialGroups, skin_profile
 from bayesdeg.actuator.mesh import ActuatorMesh, reshaped
-from bayesdeg.actuator.outputs import read_state
+from bayesdeg.actuator.outputs import OUTPUTS, read_state
 from bayesdeg.actuator.problem import Linearisation, MechanicalState, Problem, System
 from bayesdeg.errors import GeometryError
 
@@ -141,6 +141,7 @@ MATERIAL_INPUTS = (
 )
 INPUTS = (*MATERIAL_INPUTS, *SHAPE_INPUTS)
 
+VOLUME = OUTPUTS.index("cavity_volume")
 CORRECTIONS = 8
 SMALLEST = np.finfo(float).tiny  # at rest some readings do not change, and their adjoints are zero
 
@@ -150,6 +151,7 @@ def derivatives(
     solver: Factorization,
     *,
     state: MechanicalState,
+    rate: MechanicalState,
     factors: Linearisation,
     readings: Floats,
     gradients: Floats,
@@ -166,6 +168,9 @@ def derivatives(
         Holds the factors of a tangent at, or next to, the state.
     state : MechanicalState
         An equilibrium.
+    rate : MechanicalState
+        d(state)/d(load) there, which is the adjoint of the cavity's volume: K λ = ∂V/∂u is what
+        the pressure does.
     factors : Linearisation
         That tangent's linearisation.
     readings, gradients : arrays, shapes (n_outputs,) and (n_outputs, n_nodes, 3)
@@ -181,9 +186,11 @@ def derivatives(
         Columns in the order of ``INPUTS``, nan where the geometry cannot vary; the outputs depend
         directly on the shape alone.
     """
+    others = np.delete(gradients, VOLUME, axis=0)
     adjoints = adjoint_states(
-        problem, solver, state=state, factors=factors, gradients=gradients, enough=enough
+        problem, solver, state=state, factors=factors, gradients=others, enough=enough
     )
+    adjoints.insert(VOLUME, rate)
     fields = np.stack([adjoint.displacement for adjoint in adjoints])
     by_material = -np.einsum("oni,mni->om", fields, residual_rates(problem, state), optimize=True)
     residual = problem.linearise(state, tangent=False)
@@ -240,7 +247,7 @@ def adjoint_states(
     gradients: Floats,
     enough: float,
 ) -> list[MechanicalState]:
-    """Return the adjoints of all outputs: the mixed problem's tangent inverted, times (g, 0).
+    """Return the adjoints of outputs: the mixed problem's tangent inverted, times (g, 0).
 
     Factors of a tangent near by are corrected by the defect of the mixed problem's equations. The
     corrections shrink by a constant ratio, so the next is foreseen from the last two; it ends where
