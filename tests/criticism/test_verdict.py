@@ -273,6 +273,16 @@ def test_a_moderately_better_fit_does_not_carry_an_implausible_size(tail, factor
     assert found.reasons == (() if named else (ImplausibleSize("creep", tail, factor),))
 
 
+def test_no_evidence_carries_an_implausible_size_beside_another_cause():
+    tail, factor, gains = IMPLAUSIBLE / 2.0, 10.0 * MODERATE, (60.0, 9.0)
+    first = support(prior_tail=tail, log_bayes_factor=factor, together=gains)
+    found = outcome_of(first, support("erosion", together=gains))
+    assert found.outcome is Outcome.UNEXPLAINED
+    assert found.reasons == (ImplausibleSize("creep", tail, factor, beside=True),)
+    plausible = replace(first, prior_tail=IMPLAUSIBLE)
+    assert outcome_of(plausible, support("erosion", together=gains)).outcome is Outcome.NAMED
+
+
 def test_a_gain_without_a_standard_error_has_to_be_a_gain():
     single = support(elpd_diff=0.5, elpd_diff_se=None)
     assert single.held_out_agrees

@@ -306,6 +306,7 @@ RECORDS = {
     "nothing held out": NothingHeldOut(),
     "not predicted better": NotPredictedBetter("creep", -20.04, 14.0),
     "implausible size": ImplausibleSize("creep", 0.00123, 3.14),
+    "implausible size beside another": ImplausibleSize("creep", 0.00123, 47.0, beside=True),
     "shared by a level": SharedByLevel("creep", 0.0199, 500),
     "no reduction": NoReduction(0.0199, 500),
     "too little explained": TooLittleExplained(0.4),

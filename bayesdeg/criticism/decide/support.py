@@ -71,8 +71,14 @@ class Support:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether its size is one that its prior expects, or the evidence leaves no choice."""
-        return self.prior_tail >= IMPLAUSIBLE or self.log_bayes_factor >= MODERATE
+        """Whether its size is one that its prior expects, or the evidence leaves no choice.
+
+        One of several has no such excuse: two causes of any size imitate what neither of them is,
+        and the more readings there are, the more the evidence speaks for it. A gauge of bent scale
+        reads like films off by five standard deviations beside a leak.
+        """
+        excused = self.together is None and self.log_bayes_factor >= MODERATE
+        return self.prior_tail >= IMPLAUSIBLE or excused
 
     @property
     def inseparable(self) -> tuple[str, ...]:

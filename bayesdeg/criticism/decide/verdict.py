@@ -6,10 +6,10 @@ one after another as long as the evidence passes what chance gives in 5 % of dat
 which is a test of its own, directed at the catalogue, and they are then judged jointly
 (`fit.search`); (4) together they must raise the predictive density of what is held
 out by more than a standard error, each adding to it, and leave no more than chance or remove most
-of the misfit, and none may need an implausible size unless the evidence is strong, or a scatter of
-single specimens that is one of whole levels (`checks.shared_scatter`); without a cause,
-the misfit as a whole, ruptures, their counts, measured means and priors say whether the base model
-is adequate; what causes leave must ask for no further term in known quantities
+of the misfit, and none may need an implausible size, unless it is alone and the evidence strong, or
+a scatter of single specimens that is one of whole levels (`checks.shared_scatter`); without a
+cause, the misfit as a whole, ruptures, their counts, measured means and priors say whether the base
+model is adequate; what causes leave must ask for no further term in known quantities
 (`checks.missing_terms`): an effect outside the catalogue that resembles a cause is caught by that;
 (5) what could stand in the place of a cause is reported beside it, as a product of lists where
 every choice from them is supported, else as a list of sets (`decide.alternatives`): a cause is
@@ -99,11 +99,15 @@ class NotPredictedBetter:
 
 @dataclass(frozen=True)
 class ImplausibleSize:
-    """The size of the cause has too small a prior probability for its evidence [nats]."""
+    """The size of the cause has too small a prior probability for its evidence [nats].
+
+    `beside` others, no evidence is enough.
+    """
 
     cause: str
     probability: float
     log_bayes_factor: float
+    beside: bool = False
 
 
 @dataclass(frozen=True)
@@ -358,7 +362,8 @@ def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iter
     yield from dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees)
     for one in supported:
         if not one.is_plausible:
-            yield ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor)
+            beside = one.together is not None
+            yield ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor, beside)
     for found in shared:
         yield SharedByLevel(found.cause, found.p_value, found.replicates)
 
