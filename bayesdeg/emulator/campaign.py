@@ -440,8 +440,6 @@ BY_ITSELF = FitTerms(
     NEAR.errors,
     NEAR.limit,
     NEAR.volume,
-    # of soft gelatin curvature grows by up to p^3.3, and beyond that more slowly again
-    steepest=4.0,
 )
 # a segment with straight channels hardly bends at first, and then grows by up to p^5.5 where its
 # channels widen, along a path that is smooth all the way
