@@ -90,6 +90,8 @@ SHARES = (0.3, 0.6, 1.0)
 MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
 FEWEST = 4  # curves with which something can be left out
 FEWEST_ENDS = 2  # of curves seen to end, with which one can be left out
+ENDS_FOR_SLOPES = 8  # twice as many as there are terms; below, ends are shifted as one
+SHIFT = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (0,))
 
 
 class TooFewCurvesError(BayesdegError):
@@ -301,9 +303,11 @@ def _limit(
     The error is that of the curves left out, or the emulator's own where that is larger.
     """
     ends = [reach(curve, one, steepest) for curve, one in zip(*solved, strict=True)]
-    if sum(end.load > 0.0 and not end.open for end in ends) < FEWEST_ENDS:
+    seen = sum(end.load > 0.0 and not end.open for end in ends)
+    if seen < FEWEST_ENDS:
         return ground.limit
-    found, own = fit_limit(ends, family=ENDS, ground=ground.limit.output(0)), ground.limit.output(1)
+    family, own = ENDS if seen >= ENDS_FOR_SLOPES else SHIFT, ground.limit.output(1)
+    found = fit_limit(ends, family=family, ground=ground.limit.output(0))
     first = np.all(own.orders == 0, axis=1)
     at_left_out = np.sqrt(0.5 * np.pi) * np.mean(np.abs(found.left_out))
     error = own.coefficients.copy()

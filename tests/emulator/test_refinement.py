@@ -9,7 +9,7 @@ import pytest
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.emulator.local import AskedInputs, counted_in, curves_along, curves_of
-from bayesdeg.emulator.refinement import FEWEST, refine
+from bayesdeg.emulator.refinement import ENDS_FOR_SLOPES, FEWEST, FEWEST_ENDS, refine
 from bayesdeg.emulator.regression import observe, reach
 from bayesdeg.emulator.scaling import GROUPS, Units
 from bayesdeg.emulator.surrogate import Surrogate
@@ -189,6 +189,22 @@ def test_where_curves_end_is_corrected_and_no_better_known_than_it_was_met():
     assert np.max(gaps["found"]) < 0.02
     (before,), (after,) = plain.limit.output(1).coefficients, found.limit.output(1).coefficients
     assert np.all(after >= before)
+
+
+@pytest.mark.parametrize(("count", "varies"), [(6, False), (16, True)])
+def test_few_ends_move_the_limit_as_one(count, varies):
+    """Slopes through two of them would be their scatter."""
+    near = asked_of(100, 7, low=0.0, high=0.2, loads=(0.85, 0.95))
+    curves = curves_along(near, SPAN, count, seed=3)
+    seen = sum(not reach(curve, sample(curve)).open for curve in curves)
+    assert seen >= FEWEST_ENDS
+    assert (seen >= ENDS_FOR_SLOPES) == varies
+    ground = off()
+    found = refine(ground, curves, [sample(curve) for curve in curves], WHOLE).surrogate
+    inputs = [neutral_inputs(curve) for curve in curves_of(WHOLE, SPAN, 6, seed=5)]
+    moved = [found.limit_pressure(i).pressure / ground.limit_pressure(i).pressure for i in inputs]
+    assert (np.ptp(moved) > 1e-6) == varies
+    assert np.all(np.array(moved) != 1.0)
 
 
 def test_where_too_few_curves_end_the_limit_stays(better):
