@@ -364,7 +364,8 @@ class Actuator:
         solution : CurveSolution
             As from ``solve``, with an equilibrium at every load.
         gradients : array, shape (n_reached, n_outputs, n_inputs)
-            In the orders of ``outputs.OUTPUTS`` and ``sensitivity.INPUTS``.
+            In the orders of ``outputs.OUTPUTS`` and ``sensitivity.INPUTS``, as exact as the path's
+            tangent (``effort.rate_tolerance``).
 
         Raises
         ------

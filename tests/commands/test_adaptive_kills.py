@@ -27,8 +27,10 @@ def test_training_in_rounds_killed_at_random_moments_ends_with_the_same_bits(tmp
     assert told["kills"] == KILLS
     # the kills hit training at work, and what it had done was never lost
     assert all(progress == sorted(progress) for progress in told["progress"])
-    more = training.ROUNDS * (training.MORE_COARSE + training.MORE_FINE)
-    more += FIRST  # by which it is refined
-    # all curves of all rounds, and one emulator
-    assert set(told["files"]) == {COARSE_RUNS + FINE_RUNS + more + 1}
+    trained = COARSE_RUNS + FINE_RUNS
+    trained += training.ROUNDS * (training.MORE_COARSE + training.MORE_FINE)
+    # all curves of all rounds, those by which it is refined, and one emulator; a draw of this
+    # posterior that is chosen twice for the same load is solved once
+    (files,) = set(told["files"])
+    assert trained + FIRST // 2 < files <= trained + FIRST + 1
     assert told["same"]
