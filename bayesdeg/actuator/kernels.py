@@ -551,7 +551,7 @@ def _combine(shares: Floats, fields: Floats, out: Floats) -> None:  # pragma: no
 def _by_volume(
     g: Floats, change: Floats, dp: Floats, out: Floats, grown: Floats
 ) -> None:  # pragma: no cover - compiled
-    """Overwrite ``out`` with dp ⊗ G and ``grown`` with G : dF of several directions.
+    """Overwrite ``out`` with dp g and ``grown`` with g : dF of several directions, g = w J F⁻ᵀ.
 
     ``change`` and ``out`` are (3, 3 k): dF_iJ and dP_iJ of all directions in row J.
     """

@@ -85,13 +85,14 @@ are small. Quantiles, whose derivatives jump, are known by few values, so theirs
 the load."""
 ENDS = Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (0,))
 """Terms of the correction of where curves end."""
+SHIFT = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (0,))
+"""The same where few curves are seen to end: all as one."""
 SHARES = (0.3, 0.6, 1.0)
 """Of the largest load asked for, at which errors away from the posterior are looked at."""
 MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
 FEWEST = 4  # curves with which something can be left out
 FEWEST_ENDS = 2  # of curves seen to end, with which one can be left out
-ENDS_FOR_SLOPES = 8  # twice as many as there are terms; below, ends are shifted as one
-SHIFT = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (0,))
+ENDS_FOR_SLOPES = 8  # twice as many as ``ENDS`` has terms: through two ends slopes are scatter
 
 
 class TooFewCurvesError(BayesdegError):
