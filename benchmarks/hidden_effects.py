@@ -55,7 +55,7 @@ from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]
 Json = dict[str, object]
-Recorded = dict[tuple[int, str, int], Json]
+Recorded = dict[tuple[int, str, int, int], Json]
 Changes = Mapping[str, Floats]
 
 STORE = Path(".cache/hidden_effects")
@@ -74,13 +74,16 @@ def library() -> ForwardMap:
     return shipped_library()
 
 
-def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
-    """Make one study, judge it from its folder, and return what was found beside the truth."""
+def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int, draw: int = 0) -> Json:
+    """Make one study, judge it from its folder, and return what was found beside the truth.
+
+    Another `draw` judges the same readings with other random numbers.
+    """
     truth, changes = _planted(study, folder, seed)
     start = time.perf_counter()
     with threadpool_limits(limits=1):
         assembly = assemble(read_study(folder))
-        fitting, judging = np.random.SeedSequence(study.number).spawn(2)
+        fitting, judging = np.random.SeedSequence(study.number).spawn(2 * draw + 2)[-2:]
         base = base_without_chain(assembly.model, fitting)
         begun = time.perf_counter()
         judgement = judge(
@@ -102,6 +105,7 @@ def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int) -> Json:
         **_physics(study),
         "baseline": _baseline(linear, judgement),
         "effort": effort,
+        **({"draw": draw} if draw else {}),
         "seconds_fit": begun - start,
         "seconds_verdict": time.perf_counter() - begun,
         **_found(judgement),
@@ -216,22 +220,28 @@ def _baseline(linear: Linear, judgement: Judgement) -> Json:
 
 
 def run_all(
-    numbers: list[int], *, workers: int, effort: str, seed: int, record: Recorded
+    numbers: list[int],
+    *,
+    workers: int,
+    effort: str,
+    seed: int,
+    record: Recorded,
+    draw: int = 0,
 ) -> Iterator[Json]:
     """Judge studies side by side; those that stand in the record or the store are read."""
-    store = STORE / f"seed-{seed}" / effort
+    store = STORE / f"seed-{seed}" / (f"{effort}-{draw}" if draw else effort)
     store.mkdir(parents=True, exist_ok=True)
     left = []
     for number in numbers:
         path = store / f"{number}.json"
-        if (seed, effort, number) in record:
-            yield record[seed, effort, number]
+        if (seed, effort, number, draw) in record:
+            yield record[seed, effort, number, draw]
         elif path.exists():
             yield json.loads(path.read_text(encoding="utf-8")) | {"seed": seed}
         else:
             left.append(number)
     with ProcessPoolExecutor(workers) as pool:
-        jobs = [pool.submit(_one, number, store, effort, seed) for number in left]
+        jobs = [pool.submit(_one, number, store, effort, seed, draw) for number in left]
         try:
             for job in as_completed(jobs):
                 if job.exception() is None:
@@ -243,9 +253,9 @@ def run_all(
         raise BaseExceptionGroup(f"{len(faults)} studies could not be judged", faults)
 
 
-def _one(number: int, store: Path, effort: str, seed: int) -> Json:
+def _one(number: int, store: Path, effort: str, seed: int, draw: int) -> Json:
     study = (drawn_by_physics if number >= SINGLE_DRAW else drawn_study)(number, seed=seed)
-    found = judged(study, store / str(number), effort=effort, seed=seed)
+    found = judged(study, store / str(number), effort=effort, seed=seed, draw=draw)
     part = store / f"{number}.part"
     part.write_text(json.dumps(found), encoding="utf-8")
     part.replace(store / f"{number}.json")
@@ -261,6 +271,9 @@ def main() -> None:
     parser.add_argument("--effort", default="quick", choices=list(JUDGE_EFFORTS))
     parser.add_argument(
         "--again", type=int, default=0, help="of them judged at standard effort too"
+    )
+    parser.add_argument(
+        "--draws", type=int, default=1, help="of random numbers that those are judged with"
     )
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--record", type=Path, help="file of studies that were judged, to go on")
@@ -278,9 +291,14 @@ def main() -> None:
             said = (one["kind"], one["hidden"], "->", one["outcome"], one["causes"])
             print(len(found), *said, flush=True)
     again = list(run_all(numbers[: options.again], effort="standard", **how))
+    redrawn = [
+        one
+        for draw in range(1, options.draws)
+        for one in run_all(numbers[: options.again], effort=options.effort, draw=draw, **how)
+    ]
     if options.record is not None:
-        write_record(options.record, [*record.values(), *found, *again])
-    figures = summary(found, again)
+        write_record(options.record, [*record.values(), *found, *again, *redrawn])
+    figures = summary(found, again, redrawn)
     for timed in ("standard", "quick") if options.gelatin else ():
         figures |= gelatin_seconds(timed)
     print(markdown(figures) if options.markdown else json.dumps(figures, indent=1))

@@ -9,8 +9,8 @@ Json = dict[str, object]
 LEFT_OUT = ("tried", "factors", "supported", "statistic", "left")  # no figure is made of these
 
 
-def read_record(path: Path | None) -> dict[tuple[int, str, int], Json]:
-    """Return recorded studies by seed, effort and number; none where there is no file."""
+def read_record(path: Path | None) -> dict[tuple[int, str, int, int], Json]:
+    """Return recorded studies by seed, effort, number and draw; none where there is no file."""
     if path is None or not path.exists():
         return {}
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -18,7 +18,7 @@ def read_record(path: Path | None) -> dict[tuple[int, str, int], Json]:
 
 
 def write_record(path: Path, studies: Iterable[Json]) -> None:
-    """Write studies to a file, one a line, in the order of seed, effort and number."""
+    """Write studies to a file, one a line, in the order of seed, effort, number and draw."""
     once = {_key(one): _short(one) for one in studies}
     lines = (json.dumps(one, ensure_ascii=False) for _, one in sorted(once.items()))
     part = path.with_suffix(".part")
@@ -26,8 +26,8 @@ def write_record(path: Path, studies: Iterable[Json]) -> None:
     part.replace(path)
 
 
-def _key(one: Json) -> tuple[int, str, int]:
-    return one["seed"], one["effort"], one["number"]
+def _key(one: Json) -> tuple[int, str, int, int]:
+    return one["seed"], one["effort"], one["number"], one.get("draw", 0)
 
 
 def _short(one: Json) -> Json:

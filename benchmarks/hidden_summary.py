@@ -17,8 +17,20 @@ ON_ONE_SCALE = frozenset({"pressure_loss", "film_mismatch", "wall_thickness"})
 BINS = (0.0, 2.0, 3.5, 5.0, 7.0, 10.0, 15.0, 25.0, np.inf)
 
 
-def summary(found: list[Json], again: list[Json]) -> Json:
-    """Return the figures of the benchmark."""
+def summary_of_record(studies: Iterable[Json]) -> Json:
+    """Return the figures of recorded studies of one seed, whichever way each was judged."""
+    ways: dict[str, list[Json]] = {"quick": [], "standard": [], "redrawn": []}
+    for one in studies:
+        ways["redrawn" if one.get("draw", 0) else one["effort"]].append(one)
+    return summary(ways["quick"], ways["standard"], ways["redrawn"])
+
+
+def summary(found: list[Json], again: list[Json], redrawn: Iterable[Json] = ()) -> Json:
+    """Return the figures of the benchmark.
+
+    Some of the studies `found` were judged `again` at standard effort, some, `redrawn`, with other
+    random numbers.
+    """
     single = [one for one in found if one["kind"] == "single"]
     seen = [one for one in single if _z(one) >= VISIBLE]
     none = [one for one in found if one["kind"] == "none"]
@@ -35,8 +47,9 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         ]
         for with_care in (False, True)
     )
-    standard = {one["number"]: one for one in again}
-    same = [_same(one, standard[one["number"]]) for one in found if one["number"] in standard]
+    first = {one["number"]: one for one in found}
+    same = [_same(first[one["number"]], one) for one in again if one["number"] in first]
+    alike = [_same(first[one["number"]], one) for one in redrawn if one["number"] in first]
     return {
         "studies": len(found),
         "named_correctly": _share(_right(one) for one in seen),
@@ -80,6 +93,8 @@ def summary(found: list[Json], again: list[Json]) -> Json:
         "seconds_per_fit": float(np.median([one["seconds_fit"] for one in found])),
         "same_verdict": _share(same),
         "compared_efforts": len(same),
+        "same_verdict_redrawn": _share(alike),
+        "compared_draws": len(alike),
         "power": _power(single),
         "confusion": _said(seen),
         "pairs": _said(pairs),

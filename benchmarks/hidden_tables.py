@@ -28,6 +28,7 @@ SAID = (
     ("size_coverage_90_little_scatter", "of these, little scatter", "sizes_little_scatter"),
     ("ambiguous_rate", "`ambiguous`", "studies"),
     ("same_verdict", "same verdict at standard effort", "compared_efforts"),
+    ("same_verdict_redrawn", "same verdict with other random numbers", "compared_draws"),
 )
 BASELINE = {
     "named_correctly": "baseline_named_correctly",

@@ -48,7 +48,7 @@ from bayesdeg.report.tables import TABLES as RUN_TABLES
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package
 
 from hidden_record import read_record
-from hidden_summary import summary
+from hidden_summary import summary_of_record
 from hidden_tables import markdown
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -258,8 +258,7 @@ def columns_of_runs() -> dict[str, list[Entry]]:
 def tables_of_hidden_effects(record: Path) -> str:
     """Return what recorded verdicts on hidden effects come to, as tables in Markdown."""
     studies = sorted(read_record(record).values(), key=lambda one: one["number"])
-    by_effort = {e: [one for one in studies if one["effort"] == e] for e in ("quick", "standard")}
-    return markdown(summary(by_effort["quick"], by_effort["standard"]))
+    return markdown(summary_of_record(studies))
 
 
 @dataclass(frozen=True)

@@ -533,6 +533,10 @@ def _favoured(
     """
     held_out, everything = _held_out(search, chosen, seed, progress, guard)
     supported = supports(search, chosen, everything)
+    if any(one.is_close_call for one in supported):
+        search.settle([search.base.names, chosen, *(chosen - {name} for name in sorted(chosen))])
+        held_out, everything = _held_out(search, chosen, seed, progress, guard)
+        supported = supports(search, chosen, everything)
     stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)
     return held_out, everything, (supported, stated)
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bayesdeg.criticism.fit.trials import base_trial, try_causes
+from bayesdeg.criticism.fit.trials import base_trial, settled, try_causes
 from bayesdeg.criticism.holdout import leaving_out
 from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
@@ -115,6 +115,15 @@ def test_a_specimen_that_carries_the_fit_is_left_out_in_earnest():
     # a ratio of evidences: no draw of the others' posterior comes near it
     assert found.log_density[5] == pytest.approx(exact[5], abs=0.25)
     np.testing.assert_allclose(found.log_density[:5], exact[:5], atol=0.25)
+
+
+def test_held_out_densities_of_a_settled_trial_are_closer_to_the_exact_ones():
+    observed = outlying(straight.readings(3))
+    trial = settled(trial_of(observed, linear_cause("wave")), np.random.default_rng(4))
+    exact = exact_held_out(observed, linear_cause("wave"))
+    for seed in range(3):
+        found = predict_one_by_one(trial, seed=np.random.SeedSequence(seed))
+        np.testing.assert_allclose(found.log_density, exact, atol=0.08)
 
 
 def test_each_of_few_specimens_is_left_out_in_earnest(monkeypatch):

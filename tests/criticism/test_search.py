@@ -115,6 +115,31 @@ def test_a_twin_is_a_rival_within_the_odds_of_twenty_and_others_are_not():
     assert all(factor < found[other] - np.log(20.0) for n, factor in found.items() if n != other)
 
 
+def test_what_the_catalogue_says_is_like_a_cause_is_fitted_however_little_the_effort():
+    """A twin always; others where screening does not put them far behind, as it does the wave."""
+    offset, lag, *others = (linear_cause(name) for name in ("offset", "lag", "wave", "ageing"))
+    declared = replace(offset, twins=("lag",), confusable_with=("wave",))
+    one = SearchEffort(replicates=100, fitted=1, pairs=0)
+    for own, fitted in ((offset, []), (declared, ["lag"])):
+        search, chosen = searched(straight.readings(0, offset=0.3), (own, lag, *others), effort=one)
+        assert chosen == {"offset"}
+        assert sorted(rivals(search, chosen, "offset")) == fitted
+
+
+def test_evidence_that_is_settled_rests_on_more_draws_and_stays_exact():
+    observed = straight.readings(0, offset=0.3)
+    search, chosen = searched(observed)
+    first = {names: search.trials[names].posterior for names in (NOTHING, chosen)}
+    search.settle([NOTHING, chosen])
+    again = {names: search.trials[names] for names in first}
+    assert all(again[n].posterior.effective > 3.0 * first[n].effective for n in first)
+    assert search.factor(NOTHING) == 0.0  # the base model's evidence is the new one too
+    exact = straight.log_factor(observed, linear_cause("offset"))
+    assert search.factor(chosen) == pytest.approx(exact, abs=0.1)
+    search.settle([chosen])  # once is enough
+    assert search.trials[chosen] is again[chosen]
+
+
 def test_rivals_of_one_of_two_causes_stand_beside_the_other():
     causes = [linear_cause(name) for name in ("offset", "twin", "wave", "lag")]
     observed = straight.readings(3, offset=0.3, lag=0.2)

@@ -9,11 +9,13 @@ import pytest
 from bayesdeg.criticism.fit.screening import Screened
 from bayesdeg.criticism.fit.search import (
     CLOSE,
+    LEAST_FACTOR,
     MARGIN,
     NEAR_SHARE,
     Search,
     SearchEffort,
     Step,
+    naming_threshold,
     near,
 )
 from tests.criticism import straight_subject as straight
@@ -102,6 +104,16 @@ def test_a_cause_that_a_full_fit_might_still_name_is_a_leader():
     least = 4.0 - MARGIN
     step = step_of(screened(wave=least + 0.1, lag=least - 0.1))
     assert search_with(step, 4).leaders(BASE) == ["wave"]
+
+
+@pytest.mark.parametrize(("sets", "leaders"), [(200, ["wave"]), (4000, [])])
+def test_a_threshold_that_few_data_sets_may_have_put_too_high_hides_no_leader(sets, leaders):
+    """Chance gives 4 and more in 8 % of the data sets: the threshold is 4, or less than 4."""
+    chance = np.repeat([0.0, 4.0, 7.0], [int(0.92 * sets), int(0.04 * sets), int(0.04 * sets)])
+    step = step_of(screened(wave=0.5 * (4.0 + LEAST_FACTOR) - MARGIN))
+    step = replace(step, chance=chance, threshold=naming_threshold(chance))
+    assert step.threshold == 4.0
+    assert search_with(step, 4).leaders(BASE) == leaders
 
 
 def promised(**factors):

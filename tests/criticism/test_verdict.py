@@ -15,8 +15,10 @@ from bayesdeg.criticism.checks.known_terms import Acts, KnownTerm, Quantified
 from bayesdeg.criticism.checks.missing_terms import MissingTerm, MissingTerms
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
+from bayesdeg.criticism.decide import support as supporting
 from bayesdeg.criticism.decide import verdict as deciding
 from bayesdeg.criticism.decide.support import (
+    CLOSE_CALL,
     IMPLAUSIBLE,
     INSEPARABLE,
     MODERATE,
@@ -222,6 +224,22 @@ def test_scatter_of_whole_levels_is_not_named_as_one_of_single_specimens(p_value
     one_by_one = replace(by_level, p_value=MISFIT_LEVEL + 1e-6)
     named = outcome_of(misread, base=step(p_value), shared=[one_by_one])
     assert named == Decision(Outcome.NAMED, ("degradation_misread",))
+
+
+@pytest.mark.parametrize(
+    ("gain", "together", "close"),
+    [
+        (4.0 + 0.9 * CLOSE_CALL, None, True),  # its error is 4
+        (4.0 - 0.9 * CLOSE_CALL, None, True),
+        (4.0 + 1.1 * CLOSE_CALL, None, False),
+        (None, None, False),
+        (1.1 * CLOSE_CALL, (9.0, 4.0), False),  # of several each has to gain, and all together
+        (-0.9 * CLOSE_CALL, (9.0, 4.0), True),
+        (9.0, (4.0 + 0.9 * CLOSE_CALL, 4.0), True),
+    ],
+)
+def test_a_gain_next_to_the_least_is_a_close_call(gain, together, close):
+    assert support(elpd_diff=gain, together=together).is_close_call is close
 
 
 def test_one_of_two_causes_with_a_reason_against_it_keeps_both_from_being_named():
@@ -485,6 +503,22 @@ def test_supports_hold_exact_factors_gains_and_rivals(twins):
     assert found["lag"].inseparable == ()
     order = [s.log_bayes_factor for s in supports(search, chosen, held_out)]
     assert order == sorted(order, reverse=True)
+
+
+@pytest.mark.parametrize(("beyond", "settled"), [(0.0, True), (2.0, False)])
+def test_a_rival_next_to_the_odds_that_decide_has_its_evidence_settled(
+    beyond, settled, monkeypatch
+):
+    search, chosen = searched(
+        straight.readings(1, offset=0.3), [linear_cause(name) for name in ("offset", "twin")]
+    )
+    [[other, gap]] = supports(search, chosen, {})[0].rivals.items()
+    assert not search.trials[chosen].is_settled
+    monkeypatch.setattr(supporting, "INSEPARABLE", gap + beyond)
+    [one] = supports(search, chosen, {})
+    sets = [chosen, frozenset({other})]
+    assert [search.trials[names].is_settled for names in sets] == [settled, settled]
+    assert one.rivals[other] == search.factor(chosen) - search.factor(frozenset({other}))
 
 
 def test_confusable_causes_are_told_as_one_of_them(twins):

@@ -29,6 +29,7 @@ from bayesdeg.pipeline.judge import (
 )
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.priors import LogNormal, Normal, with_priors
+from bayesdeg.report.left_out import Guard
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, altered, values_of
@@ -187,6 +188,22 @@ def test_a_final_model_holds_all_that_is_favoured_if_any_is_named():
     ambiguous = Decision(Outcome.AMBIGUOUS, ("creep", "erosion", "gravity"))
     assert extension(ambiguous, two) == {"creep", "erosion"}
     assert extension(Decision(Outcome.UNEXPLAINED, ()), two) == frozenset()
+
+
+@pytest.mark.parametrize(("gain", "times"), [(1.5, 2), (9.0, 1)])
+def test_specimens_are_held_out_again_where_draws_may_decide(shifted, monkeypatch, gain, times):
+    judgement, _ = shifted
+    search = replace(judgement.search, trials=dict(judgement.search.trials))
+    chosen, held = frozenset({"pressure_offset"}), []
+    monkeypatch.setattr(
+        judging, "_held_out", lambda search, *_: (held.append(search.trials[chosen]) or {}, {})
+    )
+    one = Support("pressure_offset", 40.0, gain, 1.0, {}, 0.3)
+    monkeypatch.setattr(judging, "supports", lambda *_: [one])
+    known = np.random.SeedSequence(1)
+    judging._favoured(search, chosen, known, Silent(), Guard(strict=True))
+    assert [trial.is_settled for trial in held] == [False, True][:times]
+    assert search.factor(frozenset()) == 0.0
 
 
 def test_experiments_are_sought_to_tell_the_causes_of_an_ambiguous_outcome_apart(

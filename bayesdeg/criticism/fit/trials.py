@@ -11,7 +11,7 @@ from bayesdeg.criticism.fit.level_scatter import within_levels
 from bayesdeg.criticism.fit.linear import Linear, effects, linearise, rest_law, with_prior_moments
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import bounds
-from bayesdeg.inference.importance import about_mode, improved
+from bayesdeg.inference.importance import about_mode, improved, refitted
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
 from bayesdeg.inference.model import JointModel
 
@@ -51,6 +51,8 @@ class Trial:
         Their mean given all but the readings.
     is_near_mode : bool
         Whether the draws are those about the mode, not of a law fitted to what lies far from it.
+    is_settled : bool
+        Whether the evidence was estimated again, see `settled`.
     """
 
     subject: JointModel
@@ -60,6 +62,7 @@ class Trial:
     uncertain: Floats
     centre: Floats
     is_near_mode: bool = True
+    is_settled: bool = False
 
     @property
     def names(self) -> frozenset[str]:
@@ -206,6 +209,22 @@ def firm(trial: Trial, generator: np.random.Generator) -> Trial:
     if found.effective <= trial.posterior.effective:
         return trial
     return replace(trial, posterior=found, log_evidence=found.log_evidence, is_near_mode=False)
+
+
+def settled(trial: Trial, generator: np.random.Generator) -> Trial:
+    """Return a trial whose evidence is estimated again, by draws from a law fitted to the first.
+
+    What lies within chance of a threshold is not to hang on some 80 effective draws; these are more
+    than a thousand.
+    """
+    found = sharpened(trial.subject, trial.posterior, generator)
+    return replace(trial, posterior=found, log_evidence=found.log_evidence, is_settled=True)
+
+
+def sharpened(subject: JointModel, known: Evidence, generator: np.random.Generator) -> Evidence:
+    """Return a posterior with more effective draws, if one more law has them."""
+    found = refitted(subject, known, generator)
+    return found if found.effective > known.effective else known
 
 
 def from_prior(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.criticism.fit.trials import Trial, firm, wanted
+from bayesdeg.criticism.fit.trials import Trial, firm, sharpened, wanted
 from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
     Folds,
@@ -23,6 +23,7 @@ _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
 KEPT = 1000
+KEPT_OF_SETTLED = 4000
 FEW = 6  # groups
 
 
@@ -131,19 +132,20 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
     # each of few specimens is too much of the data to be weighted away; a measured mean is not
     if len(subject.groups) <= FEW and np.any(subject.group != ""):
         return in_folds(trial, np.arange(len(subject.groups)), seed)
-    vectors = trial.draws(generator, KEPT)
+    kept = KEPT_OF_SETTLED if trial.is_settled else KEPT
+    vectors = trial.draws(generator, kept)
     density = subject.group_density(vectors)
-    relative = float(np.clip(trial.posterior.effective / KEPT, 1e-3, 1.0))
+    relative = float(np.clip(trial.posterior.effective / kept, 1e-3, 1.0))
     smooth = smoothed(density[None], relative)
     draws = np.full((DRAWS, len(subject.places)), np.nan)
     shown = np.any(subject.group != "") and not subject.is_beside
-    simulated = subject.simulated(vectors, generator) if shown else np.empty((KEPT, 0))
+    simulated = subject.simulated(vectors, generator) if shown else np.empty((kept, 0))
     for g, name in enumerate(subject.groups if shown else ()):
         rows = subject.group == name
         weights = np.exp(smooth.log_weights[:, g])
-        chosen = generator.choice(KEPT, DRAWS, p=weights / weights.sum())
+        chosen = generator.choice(kept, DRAWS, p=weights / weights.sum())
         draws[:, rows] = simulated[np.ix_(chosen, rows)]
-    again = np.flatnonzero(~(smooth.pareto_k <= largest_k(KEPT)))
+    again = np.flatnonzero(~(smooth.pareto_k <= largest_k(kept)))
     parts = tuple(np.array([g]) for g in again)
     known = HeldOut(smooth.elpd.copy(), draws)
     return FoldPlan(trial, known, parts, tuple(seed.spawn(len(parts))))
@@ -200,6 +202,8 @@ def _predict_fold(job: _Job) -> _Fold:
     rest = recalibrated(
         training, generator, seed, start=start, whole=trial.posterior, enough=wanted(training)
     )
+    if trial.is_settled and np.isfinite(rest.log_evidence):
+        rest = sharpened(training, rest, generator)
     vectors = rest.resample(generator, DRAWS)
     if len(groups) == 1 and np.isfinite(rest.log_evidence):
         # p(y_g | rest) is a ratio of evidences; few draws would miss what a whole curve demands
