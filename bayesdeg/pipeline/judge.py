@@ -529,7 +529,8 @@ def _favoured(
 ) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut], Favoured]:
     """Return what was held out, what speaks for each favoured cause, and which sets may be right.
 
-    The sets are None where that could not be computed.
+    Specimens are held out a second time, with more draws, where the first ones may have decided
+    whether a cause is supported. The sets are None where that could not be computed.
     """
     held_out, everything = _held_out(search, chosen, seed, progress, guard)
     supported = supports(search, chosen, everything)

@@ -22,8 +22,9 @@ Floats = NDArray[np.float64]
 _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
-KEPT = 1000
-KEPT_OF_SETTLED = 4000
+KEPT, KEPT_OF_SETTLED = 1000, 4000
+"""Draws that are weighted: about twelve for each effective one of a first fit, and all of those by
+which its evidence was estimated again."""
 FEW = 6  # groups
 
 
