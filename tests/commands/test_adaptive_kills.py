@@ -12,7 +12,7 @@ from bayesdeg.emulator.kept import COARSE_RUNS, FINE_RUNS
 from bayesdeg.pipeline.refinement import FIRST
 
 ROOT = Path(__file__).resolve().parents[2]
-KILLS = 8  # 24 take two minutes: `python -m tests.commands.adaptive_training FOLDER 24 SEED`
+KILLS = 8  # for more: `python -m tests.commands.adaptive_training FOLDER 24 SEED`
 
 
 @pytest.mark.slow
