@@ -273,7 +273,7 @@ def main() -> None:
         "--again", type=int, default=0, help="of them judged at standard effort too"
     )
     parser.add_argument(
-        "--draws", type=int, default=1, help="of random numbers that those are judged with"
+        "--draws", type=int, default=1, help="of the same studies, with other random numbers"
     )
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--record", type=Path, help="file of studies that were judged, to go on")

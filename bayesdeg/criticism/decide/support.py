@@ -21,8 +21,8 @@ IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
 MODERATE = 2.0 * INSEPARABLE  # evidence that cannot carry an implausible size
 UNSURE = 3.0  # standard errors of a difference of evidences within which chance of draws decides
 CLOSE_CALL = 2.0
-"""Gain of what is held out about its least within which chance of draws may decide [nats]: with the
-80 effective draws of a first fit it moved by 2.0 between seeds."""
+"""Gain of what is held out about its least within which chance of draws may decide [nats]: of one
+study it moved by 2.0 between three seeds."""
 
 
 @dataclass(frozen=True)

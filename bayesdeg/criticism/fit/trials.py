@@ -214,15 +214,15 @@ def firm(trial: Trial, generator: np.random.Generator) -> Trial:
 def settled(trial: Trial, generator: np.random.Generator) -> Trial:
     """Return a trial whose evidence is estimated again, by draws from a law fitted to the first.
 
-    What lies within chance of a threshold is not to hang on some 80 effective draws; these are more
-    than a thousand.
+    What lies within chance of a threshold is not to hang on the first fit's hundred effective draws.
+    In five models of three studies these became 116 to 538, 426 in the median.
     """
     found = sharpened(trial.subject, trial.posterior, generator)
     return replace(trial, posterior=found, log_evidence=found.log_evidence, is_settled=True)
 
 
 def sharpened(subject: JointModel, known: Evidence, generator: np.random.Generator) -> Evidence:
-    """Return a posterior with more effective draws, if one more law has them."""
+    """Return the better of a posterior and one from the law that fits it, by effective draws."""
     found = refitted(subject, known, generator)
     return found if found.effective > known.effective else known
 
