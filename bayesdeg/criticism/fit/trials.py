@@ -214,8 +214,8 @@ def firm(trial: Trial, generator: np.random.Generator) -> Trial:
 def settled(trial: Trial, generator: np.random.Generator) -> Trial:
     """Return a trial whose evidence is estimated again, by draws from a law fitted to the first.
 
-    What lies within chance of a threshold is not to hang on the first fit's hundred effective draws.
-    In five models of three studies these became 116 to 538, 426 in the median.
+    What lies within chance of a threshold is not to hang on the hundred effective draws of a first
+    fit. In five models of three studies they became 116 to 538, 426 in the median.
     """
     found = sharpened(trial.subject, trial.posterior, generator)
     return replace(trial, posterior=found, log_evidence=found.log_evidence, is_settled=True)

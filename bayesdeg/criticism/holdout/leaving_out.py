@@ -23,8 +23,8 @@ _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
 KEPT, KEPT_OF_SETTLED = 1000, 4000
-"""Draws that are weighted: some ten for each effective one of the posterior, of a first fit and where
-its evidence was estimated again."""
+"""Draws that are weighted, some ten for each effective one: of a first fit, and where its evidence
+was estimated again."""
 FEW = 6  # groups
 
 
