@@ -700,7 +700,7 @@ def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
     alone = search.step(BASE)
     progress.stage("causes, one by one and together")
     chosen = run_search(search)
-    return chosen, alone, search.step(chosen)
+    return chosen, alone, search.left(chosen) if chosen else alone
 
 
 def _held_out(

@@ -27,7 +27,7 @@ from bayesdeg.criticism.checks.discrepancy import (
     resolved,
 )
 from bayesdeg.criticism.fit.linear import linearise
-from bayesdeg.criticism.outcome import MISFIT_LEVEL
+from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL
 from bayesdeg.observations.curvature import ANGLE, CURVATURE
 from bayesdeg.observations.readings import places_of
 from tests.criticism import straight_subject as straight
@@ -167,15 +167,17 @@ def test_the_p_value_counts_simulated_data_that_misfit_as_much(linear):
 
 
 @pytest.mark.parametrize(
-    ("share", "most", "count"),
+    ("share", "level", "most", "count"),
     [
-        (0.3, 5000, range(200, 201)),  # far from the level
-        (0.005, 5000, range(400, 1601)),  # clear at about 800
-        (MISFIT_LEVEL, 1000, range(1000, 1001)),  # never clear
-        (MISFIT_LEVEL, 0, range(200, 201)),
+        (0.3, MISFIT_LEVEL, 5000, range(200, 201)),  # far from the level
+        (0.005, MISFIT_LEVEL, 5000, range(400, 1601)),  # clear at about 800
+        (MISFIT_LEVEL, MISFIT_LEVEL, 1000, range(1000, 1001)),  # never clear
+        (MISFIT_LEVEL, MISFIT_LEVEL, 0, range(200, 201)),
+        (LEFT_LEVEL, LEFT_LEVEL, 1000, range(1000, 1001)),
+        (0.05, LEFT_LEVEL, 5000, range(200, 401)),
     ],
 )
-def test_data_are_simulated_until_the_side_of_the_level_is_clear(linear, share, most, count):
+def test_data_are_simulated_until_the_side_of_a_level_is_clear(linear, share, level, most, count):
     generator = np.random.default_rng(8)
 
     def simulate(size):
@@ -187,7 +189,7 @@ def test_data_are_simulated_until_the_side_of_the_level_is_clear(linear, share, 
     statistic, few = float(np.quantile(null(5000), 1.0 - share)), null(200)
     p_value = (1 + np.sum(few >= statistic)) / 201
     first = Misfit(statistic, few, p_value, "actuator", "the path", few, 0.0)
-    found = resolved(first, linear, simulate, most=most)
+    found = resolved(first, linear, simulate, most=most, level=level)
     assert len(found.null) in count
     assert found.p_value == pytest.approx(share, abs=4.0 * np.sqrt(share / len(found.null)))
     np.testing.assert_array_equal(found.null[:200], few)

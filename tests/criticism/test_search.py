@@ -22,6 +22,7 @@ from bayesdeg.criticism.fit.search import (
     rivals,
     run_search,
 )
+from bayesdeg.criticism.outcome import LEFT_LEVEL
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import SHAPES, X, linear_cause
 
@@ -84,6 +85,25 @@ def test_data_are_simulated_until_it_is_clear_whether_a_cause_may_be_named(most,
     np.testing.assert_array_equal(chance[:100], unlucky)
     assert (100 < len(chance) <= 1000) == named
     assert is_clear(gain, chance, FALSE_NAME_RATE) == named
+
+
+@pytest.mark.parametrize("most", [4000, 0])
+def test_what_a_set_leaves_is_as_sure_as_what_decides(most):
+    """Half a percent of the simulated data sets are worse than the data, as far as is known."""
+    effort = SearchEffort(replicates=200, fitted=3, pairs=2, most=most)
+    search, chosen = searched(straight.readings(0, wave=0.15), effort=effort)
+    step = search.step(chosen)
+    usual = np.sort(step.misfit.null)[:200]
+    unlucky = np.append(np.full(1, step.misfit.statistic + 1.0), np.full(199, usual[0]))
+    search.steps[chosen] = replace(step, misfit=replace(step.misfit, null=unlucky, p_value=0.01))
+    left = search.left(chosen).misfit
+    np.testing.assert_array_equal(left.null[:200], unlucky)
+    assert (left.p_value > LEFT_LEVEL and len(left.null) > 200) == (most > 0)
+    assert is_clear(left.statistic, left.null, LEFT_LEVEL) == (most > 0)
+    assert search.step(chosen).misfit is left  # and so it is known from then on
+    again = Search(search.base, search.causes, effort, search.seed, trials=search.trials)
+    again.steps[chosen] = replace(step, misfit=replace(step.misfit, null=unlucky, p_value=0.01))
+    np.testing.assert_array_equal(again.left(chosen).misfit.null, left.null)
 
 
 def test_two_planted_causes_are_both_chosen():

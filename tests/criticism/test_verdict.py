@@ -27,7 +27,6 @@ from bayesdeg.criticism.decide.support import (
     supports,
 )
 from bayesdeg.criticism.decide.verdict import (
-    CHANCE,
     LEAST_CHANGE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
@@ -51,7 +50,7 @@ from bayesdeg.criticism.decide.verdict import (
 )
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
-from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
+from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
 from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
@@ -327,11 +326,12 @@ def test_one_of_several_must_add_to_what_all_gain_together(gain, together, agree
 @pytest.mark.parametrize(
     ("left", "p_value", "reason"),
     [
-        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1, CHANCE, TooLittleExplained),
-        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, CHANCE, None),
-        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, MISFIT_LEVEL, MisfitRemains),
-        (1.0 + 40.0 * (1.0 - NEARLY_ALL) + 0.1, MISFIT_LEVEL, MisfitRemains),
-        (1.0 + 40.0 * (1.0 - NEARLY_ALL) - 0.1, MISFIT_LEVEL, None),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1, MISFIT_LEVEL, TooLittleExplained),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, MISFIT_LEVEL, None),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, LEFT_LEVEL + 1e-6, None),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, LEFT_LEVEL, MisfitRemains),
+        (1.0 + 40.0 * (1.0 - NEARLY_ALL) + 0.1, LEFT_LEVEL, MisfitRemains),
+        (1.0 + 40.0 * (1.0 - NEARLY_ALL) - 0.1, LEFT_LEVEL, None),
     ],
 )
 def test_causes_must_remove_the_misfit(left, p_value, reason):
@@ -342,12 +342,11 @@ def test_causes_must_remove_the_misfit(left, p_value, reason):
 
 
 @pytest.mark.parametrize("left", [1.0, 41.0, 60.0])
-def test_where_what_is_left_may_well_be_chance_nothing_is_left_to_explain(left):
+def test_where_what_is_left_is_within_chance_nothing_is_left_to_explain(left):
     """However little the statistic has fallen."""
-    assert MISFIT_LEVEL < CHANCE
-    fine = outcome_of(support(), final=step(CHANCE + 1e-6, left))
+    fine = outcome_of(support(), final=step(MISFIT_LEVEL + 1e-6, left))
     assert fine == Decision(Outcome.NAMED, ("creep",))
-    doubted = outcome_of(support(), final=step(CHANCE, left))
+    doubted = outcome_of(support(), final=step(MISFIT_LEVEL, left))
     assert doubted.outcome is (Outcome.NAMED if left == 1.0 else Outcome.UNEXPLAINED)
 
 
@@ -363,9 +362,9 @@ def test_the_share_is_taken_on_each_models_own_scale_and_on_one():
 def test_a_misfit_that_the_base_model_hid_by_wide_errors_is_explained_on_one_scale():
     """The base model's own statistic falls by less than half."""
     small = 1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1
-    hidden = outcome_of(support(), final=step(CHANCE, small, linear=WITH_WAVE))
+    hidden = outcome_of(support(), final=step(MISFIT_LEVEL, small, linear=WITH_WAVE))
     assert hidden.outcome is Outcome.NAMED
-    assert outcome_of(support(), final=step(CHANCE, small)).outcome is Outcome.UNEXPLAINED
+    assert outcome_of(support(), final=step(MISFIT_LEVEL, small)).outcome is Outcome.UNEXPLAINED
     assert LEAST_EXPLAINED < LEAST_ON_ONE_SCALE < NEARLY_ALL
 
 

@@ -225,9 +225,14 @@ def _p_value(statistic: float, null: Floats) -> float:
 
 
 def resolved(
-    misfit: Misfit, linear: Linear, simulate: Callable[[int], Floats], *, most: int
+    misfit: Misfit,
+    linear: Linear,
+    simulate: Callable[[int], Floats],
+    *,
+    most: int,
+    level: float = MISFIT_LEVEL,
 ) -> Misfit:
-    """Simulate more data until it is clear on which side of `MISFIT_LEVEL` the p-value is.
+    """Simulate more data until it is clear on which side of a level the p-value is.
 
     Each round doubles the number of data sets. With few, chance would decide the outcome where the
     p-value is near the level.
@@ -242,9 +247,11 @@ def resolved(
         Returns so many more data sets, (k, n_readings).
     most : int
         Data sets at which to stop in any case.
+    level : float
+        That decides.
     """
     null, drawn = misfit.null, misfit.drawn
-    while FEWEST <= len(null) < most and not is_clear(misfit.statistic, null, MISFIT_LEVEL):
+    while FEWEST <= len(null) < most and not is_clear(misfit.statistic, null, level):
         simulated = simulate(min(len(null), most - len(null)))
         known = simulated[np.all(np.isfinite(simulated), axis=1)]
         drawn += len(simulated)

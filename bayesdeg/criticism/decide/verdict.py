@@ -37,7 +37,7 @@ from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.fit.search import Step
-from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
+from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +47,6 @@ NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
 LEAST_CHANGE = 0.01
 """Largest change by a term in what causes leave, over the largest reading, below which it does not
 speak against them: as much emulator and mesh may themselves be off."""
-CHANCE = 0.1  # p-value of what is left above which nothing is left to explain
 
 
 @dataclass(frozen=True)
@@ -404,9 +403,9 @@ def _against_all(base: Step, final: Step, structure: MissingTerms | None) -> lis
 
 def _against_misfit(base: Step, final: Step) -> list[Reason]:
     left, replicates = final.misfit.p_value, len(final.misfit.null)
-    if left > CHANCE:
+    if left > MISFIT_LEVEL:
         return []
-    if left <= MISFIT_LEVEL < base.misfit.p_value:
+    if base.misfit.p_value > MISFIT_LEVEL >= left:
         return [NoReduction(left, replicates)]
     own, common = share_explained(base, final)
     share = max(own, common)
@@ -414,6 +413,6 @@ def _against_misfit(base: Step, final: Step) -> list[Reason]:
         return [TooLittleExplained(share)]
     if not final.misfit.is_calibrated and share < NEARLY_ALL:
         return [uncalibrated(final.misfit, remaining=True)]
-    if left <= MISFIT_LEVEL and share < NEARLY_ALL:
+    if left <= LEFT_LEVEL and share < NEARLY_ALL:
         return [MisfitRemains(share, left, replicates)]
     return []

@@ -25,6 +25,7 @@ from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sen
 from bayesdeg.criticism.fit.screening import JointScreening, Screened, largest_by_chance, screen
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import Trial, from_prior, settled, try_causes
+from bayesdeg.criticism.outcome import LEFT_LEVEL
 
 Floats = NDArray[np.float64]
 
@@ -212,6 +213,21 @@ class Search:
             step = replace(step, chance=chance, threshold=naming_threshold(chance))
         self.steps[names] = step
         return gain >= step.threshold
+
+    def left(self, names: Names) -> Step:
+        """Return what is known with a set that is favoured, as sure of what it leaves as decides.
+
+        More data sets are simulated until it is clear on which side of `LEFT_LEVEL` the p-value of
+        the misfit is.
+        """
+        step = self.step(names)
+        generator = np.random.default_rng(self._seed(names, 5))
+        simulate = partial(_simulated, step.trial, generator)
+        misfit = resolved(
+            step.misfit, step.trial.linear, simulate, most=self.effort.most, level=LEFT_LEVEL
+        )
+        self.steps[names] = replace(step, misfit=misfit)
+        return self.steps[names]
 
     def _more_chance(self, step: Step) -> Floats:
         """Return what chance gives in as many data sets again, up to the most that are allowed."""
