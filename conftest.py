@@ -27,3 +27,9 @@ collect_ignore = ["tests/peers/numpyro_nuts.py"]
 
 # the package loads it where it is first asked for, which is not within the time of one example
 importlib.import_module("scipy.special")
+
+
+def pytest_collection_modifyitems(items):
+    """Put files that hold slow tests first: else the longest ends the run alone, on one core."""
+    slow = {item.path for item in items if item.get_closest_marker("slow") is not None}
+    items.sort(key=lambda item: item.path not in slow)

@@ -48,6 +48,7 @@ from bayesdeg.emulator.trained import (
     asked_for,
     covering,
     find,
+    is_fitted_as_now,
     is_refined,
     lacking,
     not_refined,
@@ -185,9 +186,8 @@ def _known(
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
         if surrogate.units != first.units or wanting or is_refined(surrogate.record):
             continue
-        # earlier versions left out the last curves
         done = not _ends_refined(geometry, first) or went_to_its_end(surrogate.record)
-        if path == own and done:
+        if path == own and done and is_fitted_as_now(surrogate.record):
             return surrogate
         if path != own and _is_good(_asked_after(study, surrogate, manner), first, TARGET_PCT):
             return surrogate

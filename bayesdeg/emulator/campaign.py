@@ -40,7 +40,13 @@ from bayesdeg.emulator.design import (
     space_filling,
     third_stage,
 )
-from bayesdeg.emulator.kept import Recipe, has_ground, mesh_error_of, refuse_whole_range
+from bayesdeg.emulator.kept import (
+    FIT_VERSION,
+    Recipe,
+    has_ground,
+    mesh_error_of,
+    refuse_whole_range,
+)
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
     STEEPEST,
@@ -1390,6 +1396,7 @@ def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) ->
     alike = has_ground(geometry)
     record: dict[str, object] = {
         "design": WHOLE_RANGE if design is None else LOCAL if alike else ALONE,
+        "fit_version": FIT_VERSION,
         "seed": recipe.seed,
         "coarse_mesh_mm": vars(recipe.coarse_mesh),
         "fine_mesh_mm": vars(recipe.fine_mesh),

@@ -18,6 +18,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.kept import (
     CACHE,
+    FIT_VERSION,
     SHIPPED,
     Recipe,
     read_content,
@@ -210,6 +211,17 @@ def went_to_its_end(record: str) -> bool:
     (False, True)
     """
     return "refinement" in json.loads(record)
+
+
+def is_fitted_as_now(record: str) -> bool:
+    """Return whether an emulator is what its curves would give today.
+
+    Examples
+    --------
+    >>> is_fitted_as_now("{}"), is_fitted_as_now(json.dumps({"fit_version": FIT_VERSION}))
+    (False, True)
+    """
+    return bool(json.loads(record).get("fit_version") == FIT_VERSION)
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:

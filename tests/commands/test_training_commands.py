@@ -308,6 +308,21 @@ def test_what_an_earlier_version_trained_is_refined(here, command, pipeline, mon
     assert len(kept()) == 1
 
 
+def test_what_a_former_version_fitted_is_fitted_anew(here, command, pipeline):
+    """From the curves that are solved."""
+    command("run", "study", "--workers", 1)
+    (own,), curves = kept(), solved()
+    record = json.loads(pipeline[0].record)
+    former = replace(emulator(), record=json.dumps(record | {"fit_version": "0"}))
+    write_trained(own, former)
+    for fitted in (1, 2):
+        code, _, err = command("run", "study", "--workers", 1)
+        assert code == 0, err
+        assert pipeline[fitted].record == pipeline[0].record
+        assert ("is trained now" in err) == (fitted == 1)
+    assert (kept(), solved()) == ([own], curves)
+
+
 def test_an_emulator_of_another_study_is_used_where_it_is_good(
     here, command, pipeline, monkeypatch
 ):

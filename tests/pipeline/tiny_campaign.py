@@ -8,7 +8,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import complete, runs
-from bayesdeg.emulator.kept import Recipe
+from bayesdeg.emulator.kept import FIT_VERSION, Recipe
 from tests.emulator.closed_form import trained
 
 TABLE = "[actuator]\nlength = 14.0\nchambers = 1\n"
@@ -23,6 +23,7 @@ def emulator(geometry=GEOMETRY, *, version=MODEL_VERSION):
     record = {
         "design": "closed form",
         "model_version": version,
+        "fit_version": FIT_VERSION,
         "coarse_curves": 6,
         "fine_curves": 2,
         "dimensions_mm": asdict(geometry.dimensions),
