@@ -62,7 +62,7 @@ from bayesdeg.criticism.experiments.ranking import (
 from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.fit.side_by_side import later
-from bayesdeg.criticism.fit.trials import Trial, try_causes
+from bayesdeg.criticism.fit.trials import HOLDING_OUT, Trial, try_causes
 from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
 from bayesdeg.criticism.holdout.leaving_out import carried_out, in_folds
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
@@ -535,7 +535,8 @@ def _favoured(
     held_out, everything = _held_out(search, chosen, seed, progress, guard)
     supported = supports(search, chosen, everything)
     if any(one.is_close_call for one in supported):
-        search.settle([search.base.names, chosen, *(chosen - {name} for name in sorted(chosen))])
+        parts = (chosen - {name} for name in sorted(chosen))
+        search.settle([search.base.names, chosen, *parts], HOLDING_OUT)
         held_out, everything = _held_out(search, chosen, seed, progress, guard)
         supported = supports(search, chosen, everything)
     stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)

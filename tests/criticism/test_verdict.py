@@ -512,11 +512,11 @@ def test_a_rival_next_to_the_odds_that_decide_has_its_evidence_settled(
         straight.readings(1, offset=0.3), [linear_cause(name) for name in ("offset", "twin")]
     )
     [[other, gap]] = supports(search, chosen, {})[0].rivals.items()
-    assert not search.trials[chosen].is_settled
+    assert not search.trials[chosen].settled_by
     monkeypatch.setattr(supporting, "INSEPARABLE", gap + beyond)
     [one] = supports(search, chosen, {})
     sets = [chosen, frozenset({other})]
-    assert [search.trials[names].is_settled for names in sets] == [settled, settled]
+    assert [search.trials[names].settled_by > 0 for names in sets] == [settled, settled]
     assert one.rivals[other] == search.factor(chosen) - search.factor(frozenset({other}))
 
 

@@ -24,7 +24,7 @@ from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.screening import JointScreening, Screened, largest_by_chance, screen
 from bayesdeg.criticism.fit.side_by_side import apply
-from bayesdeg.criticism.fit.trials import Trial, from_prior, settled, try_causes
+from bayesdeg.criticism.fit.trials import SETTLING, Trial, from_prior, settled, try_causes
 from bayesdeg.criticism.outcome import LEFT_LEVEL
 
 Floats = NDArray[np.float64]
@@ -285,12 +285,12 @@ class Search:
     def _guessed(self, name: str) -> Floats:
         return self.step(self.base.names).guess(name)[1]
 
-    def settle(self, sets: Iterable[Names]) -> None:
-        """Estimate the evidence of fitted sets again, once, see `trials.settled`."""
+    def settle(self, sets: Iterable[Names], draws: int = SETTLING) -> None:
+        """Estimate the evidence of fitted sets from so many draws, once, see `trials.settled`."""
         for names in sets:
-            if not self.trials[names].is_settled:
+            if self.trials[names].settled_by < draws:
                 generator = np.random.default_rng(self._seed(names, 4))
-                self.trials[names] = settled(self.trials[names], generator)
+                self.trials[names] = settled(self.trials[names], generator, draws)
         self.base = self.trials[self.base.names]
 
     def leaders(self, names: Names) -> list[str]:

@@ -51,8 +51,8 @@ class Trial:
         Their mean given all but the readings.
     is_near_mode : bool
         Whether the draws are those about the mode, not of a law fitted to what lies far from it.
-    is_settled : bool
-        Whether the evidence was estimated again, see `settled`.
+    settled_by : int
+        Draws from which the evidence was estimated again, see `settled`; 0 if it was not.
     """
 
     subject: JointModel
@@ -62,7 +62,7 @@ class Trial:
     uncertain: Floats
     centre: Floats
     is_near_mode: bool = True
-    is_settled: bool = False
+    settled_by: int = 0
 
     @property
     def names(self) -> frozenset[str]:
@@ -211,19 +211,27 @@ def firm(trial: Trial, generator: np.random.Generator) -> Trial:
     return replace(trial, posterior=found, log_evidence=found.log_evidence, is_near_mode=False)
 
 
-def settled(trial: Trial, generator: np.random.Generator) -> Trial:
+SETTLING, HOLDING_OUT = 4_000, 16_000
+"""Draws of a law that is fitted to those of a trial, for its evidence and for what it predicts of
+specimens held out. In five models of three studies the first gave 116 to 538 effective ones, 426 in
+the median: evidence is off by 0.05 then, but gains of held-out specimens by 1.6."""
+
+
+def settled(trial: Trial, generator: np.random.Generator, draws: int = SETTLING) -> Trial:
     """Return a trial whose evidence is estimated again, by draws from a law fitted to the first.
 
     What lies within chance of a threshold is not to hang on the hundred effective draws of a first
-    fit. In five models of three studies they became 116 to 538, 426 in the median.
+    fit.
     """
-    found = sharpened(trial.subject, trial.posterior, generator)
-    return replace(trial, posterior=found, log_evidence=found.log_evidence, is_settled=True)
+    found = sharpened(trial.subject, trial.posterior, generator, draws)
+    return replace(trial, posterior=found, log_evidence=found.log_evidence, settled_by=draws)
 
 
-def sharpened(subject: JointModel, known: Evidence, generator: np.random.Generator) -> Evidence:
+def sharpened(
+    subject: JointModel, known: Evidence, generator: np.random.Generator, draws: int = SETTLING
+) -> Evidence:
     """Return the better of a posterior and one from the law that fits it, by effective draws."""
-    found = refitted(subject, known, generator)
+    found = refitted(subject, known, generator, draws=draws)
     return found if found.effective > known.effective else known
 
 

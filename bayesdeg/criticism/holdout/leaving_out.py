@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
-KEPT, KEPT_OF_SETTLED = 1000, 4000
-"""Draws that are weighted, some ten for each effective one: of a first fit, and where its evidence
-was estimated again."""
+KEPT = 1000
+"""Draws of a first fit that are weighted, some ten for each effective one; where it was estimated
+again, as many as there are."""
 FEW = 6  # groups
 
 
@@ -133,7 +133,7 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
     # each of few specimens is too much of the data to be weighted away; a measured mean is not
     if len(subject.groups) <= FEW and np.any(subject.group != ""):
         return in_folds(trial, np.arange(len(subject.groups)), seed)
-    kept = KEPT_OF_SETTLED if trial.is_settled else KEPT
+    kept = trial.settled_by or KEPT
     vectors = trial.draws(generator, kept)
     density = subject.group_density(vectors)
     relative = float(np.clip(trial.posterior.effective / kept, 1e-3, 1.0))
@@ -203,7 +203,7 @@ def _predict_fold(job: _Job) -> _Fold:
     rest = recalibrated(
         training, generator, seed, start=start, whole=trial.posterior, enough=wanted(training)
     )
-    if trial.is_settled and np.isfinite(rest.log_evidence):
+    if trial.settled_by and np.isfinite(rest.log_evidence):
         rest = sharpened(training, rest, generator)
     vectors = rest.resample(generator, DRAWS)
     if len(groups) == 1 and np.isfinite(rest.log_evidence):
