@@ -5,9 +5,9 @@ from enum import StrEnum
 MISFIT_LEVEL = 0.02
 """p-value up to which a misfit is more than chance gives."""
 LEFT_LEVEL = 0.005
-"""p-value up to which what is left speaks against causes that remove most of a misfit: at
-`MISFIT_LEVEL` one right name in fifty would be lost to chance. What causes leave of an effect that
-is another has a lower one, or asks for a further term."""
+"""p-value up to which what causes leave speaks against them: at `MISFIT_LEVEL` one right name in
+fifty would be lost to chance. What a wrong cause leaves of an effect has a lower one, or asks for a
+further term."""
 
 
 class Outcome(StrEnum):

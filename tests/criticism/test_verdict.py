@@ -324,18 +324,16 @@ def test_one_of_several_must_add_to_what_all_gain_together(gain, together, agree
 
 
 @pytest.mark.parametrize(
-    ("left", "p_value", "reason"),
+    ("left", "reason"),
     [
-        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1, MISFIT_LEVEL, TooLittleExplained),
-        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, MISFIT_LEVEL, None),
-        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, LEFT_LEVEL + 1e-6, None),
-        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, LEFT_LEVEL, MisfitRemains),
-        (1.0 + 40.0 * (1.0 - NEARLY_ALL) + 0.1, LEFT_LEVEL, MisfitRemains),
-        (1.0 + 40.0 * (1.0 - NEARLY_ALL) - 0.1, LEFT_LEVEL, None),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1, TooLittleExplained),
+        (1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) - 0.1, MisfitRemains),
+        (1.0 + 40.0 * (1.0 - NEARLY_ALL) + 0.1, MisfitRemains),
+        (1.0 + 40.0 * (1.0 - NEARLY_ALL) - 0.1, None),
     ],
 )
-def test_causes_must_remove_the_misfit(left, p_value, reason):
-    found = outcome_of(support(), final=step(p_value, left))
+def test_causes_must_remove_the_misfit(left, reason):
+    found = outcome_of(support(), final=step(LEFT_LEVEL, left))
     assert found.outcome is (Outcome.UNEXPLAINED if reason else Outcome.NAMED)
     assert [type(one) for one in found.reasons] == ([reason] if reason else [])
     assert all(one.share == pytest.approx((41.0 - left) / 40.0) for one in found.reasons)
@@ -344,9 +342,9 @@ def test_causes_must_remove_the_misfit(left, p_value, reason):
 @pytest.mark.parametrize("left", [1.0, 41.0, 60.0])
 def test_where_what_is_left_is_within_chance_nothing_is_left_to_explain(left):
     """However little the statistic has fallen."""
-    fine = outcome_of(support(), final=step(MISFIT_LEVEL + 1e-6, left))
+    fine = outcome_of(support(), final=step(LEFT_LEVEL + 1e-6, left))
     assert fine == Decision(Outcome.NAMED, ("creep",))
-    doubted = outcome_of(support(), final=step(MISFIT_LEVEL, left))
+    doubted = outcome_of(support(), final=step(LEFT_LEVEL, left))
     assert doubted.outcome is (Outcome.NAMED if left == 1.0 else Outcome.UNEXPLAINED)
 
 
@@ -362,9 +360,9 @@ def test_the_share_is_taken_on_each_models_own_scale_and_on_one():
 def test_a_misfit_that_the_base_model_hid_by_wide_errors_is_explained_on_one_scale():
     """The base model's own statistic falls by less than half."""
     small = 1.0 + 40.0 * (1.0 - LEAST_EXPLAINED) + 0.1
-    hidden = outcome_of(support(), final=step(MISFIT_LEVEL, small, linear=WITH_WAVE))
+    hidden = outcome_of(support(), final=step(LEFT_LEVEL, small, linear=WITH_WAVE))
     assert hidden.outcome is Outcome.NAMED
-    assert outcome_of(support(), final=step(MISFIT_LEVEL, small)).outcome is Outcome.UNEXPLAINED
+    assert outcome_of(support(), final=step(LEFT_LEVEL, small)).outcome is Outcome.UNEXPLAINED
     assert LEAST_EXPLAINED < LEAST_ON_ONE_SCALE < NEARLY_ALL
 
 
@@ -377,13 +375,13 @@ def test_where_there_was_no_misfit_to_explain_none_has_to_be():
 def test_what_leaves_a_misfit_where_there_was_none_is_not_named():
     """A base model with wide errors expects anything; what is named must expect what there is."""
     none = step(p_value=0.8, statistic=1400.0)
-    found = outcome_of(support(), base=none, final=step(p_value=MISFIT_LEVEL, statistic=25.0))
+    found = outcome_of(support(), base=none, final=step(p_value=LEFT_LEVEL, statistic=25.0))
     assert found.outcome is Outcome.UNEXPLAINED
-    assert found.reasons == (NoReduction(MISFIT_LEVEL, 100),)
+    assert found.reasons == (NoReduction(LEFT_LEVEL, 100),)
     failed = support(elpd_diff=-1.0)
     of_rupture = decide(none, step(p_value=MISFIT_LEVEL), [failed], on_rupture=frozenset({"creep"}))
     assert of_rupture.outcome is Outcome.ADEQUATE
-    fine = outcome_of(support(), base=none, final=step(p_value=0.03, statistic=1.0))
+    fine = outcome_of(support(), base=none, final=step(p_value=LEFT_LEVEL + 1e-6, statistic=25.0))
     assert fine.outcome is Outcome.NAMED
 
 

@@ -403,9 +403,9 @@ def _against_all(base: Step, final: Step, structure: MissingTerms | None) -> lis
 
 def _against_misfit(base: Step, final: Step) -> list[Reason]:
     left, replicates = final.misfit.p_value, len(final.misfit.null)
-    if left > MISFIT_LEVEL:
+    if left > LEFT_LEVEL:
         return []
-    if base.misfit.p_value > MISFIT_LEVEL >= left:
+    if base.misfit.p_value > MISFIT_LEVEL and left <= LEFT_LEVEL:
         return [NoReduction(left, replicates)]
     own, common = share_explained(base, final)
     share = max(own, common)
@@ -413,6 +413,6 @@ def _against_misfit(base: Step, final: Step) -> list[Reason]:
         return [TooLittleExplained(share)]
     if not final.misfit.is_calibrated and share < NEARLY_ALL:
         return [uncalibrated(final.misfit, remaining=True)]
-    if left <= LEFT_LEVEL and share < NEARLY_ALL:
+    if share < NEARLY_ALL:
         return [MisfitRemains(share, left, replicates)]
     return []
