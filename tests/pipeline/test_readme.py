@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.cli import app
 from bayesdeg.commands.interface import COMMANDS
 
@@ -36,6 +37,10 @@ def test_its_links_lead_somewhere():
     assert len(links) > 15
     for target in links:
         assert (ROOT / target).exists(), target
+
+
+def test_it_counts_the_causes():
+    assert f"a catalogue of {len(CATALOGUE)} physical causes" in README
 
 
 def test_its_rates_are_those_of_the_recorded_verdicts(monkeypatch):
