@@ -17,6 +17,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Status
 from bayesdeg.commands.options import STORE, Stopped
 from bayesdeg.console import errors, shown
+from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import Study
@@ -245,6 +246,7 @@ def train_where_asked(
     recipe, design = LOCAL(geometry.dimensions), first
     is_refined_last = _ends_refined(geometry, first)
     last_curves = AT_THE_POSTERIOR if is_refined_last else 0
+    base: Trial | None = None
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design, later=last_curves)
         surrogate = completed(campaign, manner)
@@ -255,14 +257,15 @@ def train_where_asked(
         good = _is_good(found, design, wanted)
         _say_where(found, wanted, manner, good=good)
         if good:
+            base = found.base
             break
         added = replace(recipe, coarse_runs=MORE_COARSE, fine_runs=MORE_FINE, seed=more + 1)
         design = design.further(found.asked, added)
     campaigns = [campaign]
     if is_refined_last:
-        base = Campaign(geometry, recipe, store, executor, alike=campaign.runs)
+        begun = Campaign(geometry, recipe, store, executor, alike=campaign.runs)
         try:
-            last, surrogate = _refined(study, surrogate, base, LAST_ROUNDS, manner)
+            last, surrogate = _refined(study, surrogate, begun, LAST_ROUNDS, manner, base=base)
         except TooFewCurvesError as fault:
             surrogate = replace(surrogate, record=not_refined(surrogate.record))
             if not manner.quiet:
@@ -300,8 +303,8 @@ def refined_emulator(
         If too few curves say anything.
     """
     geometry = geometry_of_study(study.settings)
-    base = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), executor)
-    campaign, refined = _refined(study, ground, base, REFINING_ROUNDS, manner)
+    begun = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), executor)
+    campaign, refined = _refined(study, ground, begun, REFINING_ROUNDS, manner)
     found = replace(refined, record=asked_for(refined.record))
     key = sha256((campaign.key() + ground.record).encode()).hexdigest()
     _keep([campaign], CACHE / f"{key[:16]}.npz", found, manner)
@@ -309,14 +312,24 @@ def refined_emulator(
 
 
 def _refined(
-    study: Study, ground: Surrogate, base: Campaign, rounds: int, manner: Manner
+    study: Study,
+    ground: Surrogate,
+    begun: Campaign,
+    rounds: int,
+    manner: Manner,
+    *,
+    base: Trial | None = None,
 ) -> tuple[Campaign, Surrogate]:
-    """Return an emulator corrected in up to so many rounds, and what was solved for it."""
-    campaign, found = base, ground
+    """Return an emulator corrected in up to so many rounds, and what was solved for it.
+
+    Its own base model need not be calibrated if that was done already.
+    """
+    campaign, found = begun, ground
     for number in range(rounds):
         with shown(manner.quiet) as progress:
             progress.stage("where the posterior lies")
-            posteriors = posteriors_of(study, found, study.settings.seed)
+            known = base if number == 0 else None
+            posteriors = posteriors_of(study, found, study.settings.seed, base=known)
         campaign = refining_campaign(campaign, posteriors, ground, number)
         solved = _worked(campaign, manner, solve_campaign)
         found, left = refined_by(campaign, solved, posteriors, ground)

@@ -24,6 +24,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.status import Resolution, Status
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.campaign import Finished, Solution, build, complete, missing, runs
 from bayesdeg.emulator.coordinates import Batch
@@ -350,12 +351,15 @@ class AskedAfterwards:
         95th percentile over the posterior's curves of the standard error of their curvature, less
         that of the mesh, over the largest of each; of the cavity's volume or of
         the tip force where that is larger, if it is asked for [%].
+    base : Trial
+        The base model as it was calibrated.
     """
 
     asked: AskedInputs
     outside: float
     unanswered: float
     error_pct: float
+    base: Trial
 
 
 def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterwards:
@@ -376,15 +380,14 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
     generator = np.random.default_rng(sequence)
     # sums of several threads depend on their number
     with threadpool_limits(1):
-        posterior = base_without_chain(model, sequence).posterior
-        known = posterior.resample(generator, DRAWS)
+        base = base_without_chain(model, sequence)
+        known = base.posterior.resample(generator, DRAWS)
         units = layer_units(geometry_of_study(study.settings))
         asked = asked_by(assembly, known, generator, units)
         outside = _outside(model, surrogate, known)
         refused = share_outside(model, known)
-        return AskedAfterwards(
-            asked, outside, max(refused - outside, 0.0), _error_pct(model, surrogate, known)
-        )
+        error_pct = _error_pct(model, surrogate, known)
+        return AskedAfterwards(asked, outside, max(refused - outside, 0.0), error_pct, base)
 
 
 def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:

@@ -71,7 +71,9 @@ class Posteriors:
     whole: AskedInputs
 
 
-def posteriors_of(study: Study, surrogate: Surrogate, seed: int) -> Posteriors:
+def posteriors_of(
+    study: Study, surrogate: Surrogate, seed: int, *, base: Trial | None = None
+) -> Posteriors:
     """Fit a study's base model, and that with each cause which its readings speak for.
 
     Parameters
@@ -82,12 +84,14 @@ def posteriors_of(study: Study, surrogate: Surrogate, seed: int) -> Posteriors:
         Of its geometry.
     seed : int
         Of the draws.
+    base : Trial, optional
+        The base model, if it was calibrated with this emulator and seed already.
     """
     assembly, sequence = assemble(study, surrogate), np.random.SeedSequence(seed)
     units = layer_units(geometry_of_study(study.settings))
     # sums of several threads depend on their number
     with threadpool_limits(1):
-        base = base_without_chain(assembly.model, sequence)
+        base = base or base_without_chain(assembly.model, sequence)
         generator = np.random.default_rng(sequence)
         judged = [cause for cause in assembly.candidates if not cause.is_of_rupture_alone]
         screened = {cause.name: screen(base.linear, cause) for cause in judged}
