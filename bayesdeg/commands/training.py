@@ -212,13 +212,20 @@ def _asked_after(study: Study, surrogate: Surrogate, manner: Manner) -> AskedAft
         return asked_after(study, surrogate, study.settings.seed)
 
 
-def _is_good(found: AskedAfterwards, design: LocalDesign, wanted_pct: float) -> bool:
-    """Return whether an emulator does well enough where the posterior lies.
+def _is_good(
+    found: AskedAfterwards,
+    design: LocalDesign,
+    wanted_pct: float,
+    before: AskedAfterwards | None = None,
+) -> bool:
+    """Return whether an emulator does as well where the posterior lies as further curves make it.
 
-    What the one that ships misses itself no curves mend that are solved beside it.
+    What the one that ships misses itself no curves mend that are solved beside it; and where those
+    of a round brought no more of the posterior into its range, those of the next would not either.
     """
     is_exact = design.only_departure or found.error_pct <= wanted_pct
-    return is_exact and found.outside <= TARGET_OUTSIDE
+    mends = before is None or found.outside < before.outside
+    return is_exact and (found.outside <= TARGET_OUTSIDE or not mends)
 
 
 def train_where_asked(
@@ -247,6 +254,7 @@ def train_where_asked(
     is_refined_last = _ends_refined(geometry, first)
     last_curves = AT_THE_POSTERIOR if is_refined_last else 0
     base: Trial | None = None
+    before: AskedAfterwards | None = None
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design, later=last_curves)
         surrogate = completed(campaign, manner)
@@ -254,13 +262,13 @@ def train_where_asked(
             break
         found = _asked_after(study, surrogate, manner)
         wanted = REFINABLE_PCT if is_refined_last else TARGET_PCT
-        good = _is_good(found, design, wanted)
+        good = _is_good(found, design, wanted, before)
         _say_where(found, wanted, manner, good=good)
         if good:
             base = found.base
             break
         added = replace(recipe, coarse_runs=MORE_COARSE, fine_runs=MORE_FINE, seed=more + 1)
-        design = design.further(found.asked, added)
+        design, before = design.further(found.asked, added), found
     campaigns = [campaign]
     if is_refined_last:
         begun = Campaign(geometry, recipe, store, executor, alike=campaign.runs)

@@ -21,10 +21,13 @@ from bayesdeg.commands import run as run_command
 from bayesdeg.commands import training
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.kept import cached_path, duration
+from bayesdeg.emulator.local import TARGET_OUTSIDE, LocalDesign
 from bayesdeg.emulator.refinement import TooFewCurvesError
+from bayesdeg.emulator.scaling import ONE, TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import is_refined, read_trained, write_trained
 from bayesdeg.pipeline import emulation
+from bayesdeg.pipeline.emulation import AskedAfterwards
 from bayesdeg.pipeline.refinement import FIRST
 from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.record import VerdictRecord
@@ -263,6 +266,26 @@ def test_run_solves_further_curves_where_the_posterior_lies(here, command, pipel
     assert "further curves" in err
     more = training.MORE_COARSE + training.MORE_FINE
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + more
+
+
+@pytest.mark.parametrize(
+    ("error_pct", "outside", "before", "good"),
+    [
+        (1.0, TARGET_OUTSIDE, None, True),
+        (1.1, TARGET_OUTSIDE, None, False),
+        (1.0, 0.03, None, False),
+        (1.0, 0.03, 0.05, False),
+        (1.0, 0.03, 0.03, True),  # which a round has not mended
+        (1.1, 0.03, 0.03, False),
+    ],
+)
+def test_rounds_end_where_further_curves_mend_nothing(error_pct, outside, before, good):
+    def asked(outside):
+        return AskedAfterwards(None, outside, 0.97, error_pct, None)
+
+    design = LocalDesign(TrainingRange(), (), (), (), ONE)
+    earlier = None if before is None else asked(before)
+    assert training._is_good(asked(outside), design, 1.0, earlier) is good
 
 
 def test_training_ends_with_fine_curves_at_the_posterior(here, command, pipeline, monkeypatch):
