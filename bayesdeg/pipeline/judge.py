@@ -62,7 +62,7 @@ from bayesdeg.criticism.experiments.ranking import (
 from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.fit.side_by_side import later
-from bayesdeg.criticism.fit.trials import HOLDING_OUT, Trial, try_causes
+from bayesdeg.criticism.fit.trials import DECIDING, Trial, try_causes
 from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
 from bayesdeg.criticism.holdout.leaving_out import carried_out, in_folds
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
@@ -536,7 +536,7 @@ def _favoured(
     supported = supports(search, chosen, everything)
     if any(one.is_close_call for one in supported):
         parts = (chosen - {name} for name in sorted(chosen))
-        search.settle([search.base.names, chosen, *parts], HOLDING_OUT)
+        search.settle([search.base.names, chosen, *parts], DECIDING)
         held_out, everything = _held_out(search, chosen, seed, progress, guard)
         supported = supports(search, chosen, everything)
     stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)

@@ -10,7 +10,7 @@ from bayesdeg.criticism.decide.support import INSEPARABLE, Support
 from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.criticism.experiments.designs import candidate_experiments
 from bayesdeg.criticism.fit.search import SearchEffort
-from bayesdeg.criticism.fit.trials import HOLDING_OUT
+from bayesdeg.criticism.fit.trials import DECIDING
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.importance import about_mode
@@ -203,7 +203,7 @@ def test_specimens_are_held_out_again_where_draws_may_decide(shifted, monkeypatc
     monkeypatch.setattr(judging, "supports", lambda *_: [one])
     known = np.random.SeedSequence(1)
     judging._favoured(search, chosen, known, Silent(), Guard(strict=True))
-    assert [trial.settled_by for trial in held] == [0, HOLDING_OUT][:times]
+    assert [trial.settled_by for trial in held] == [0, DECIDING][:times]
     assert search.factor(frozenset()) == 0.0
 
 
