@@ -22,6 +22,7 @@ from bayesdeg.criticism.fit.search import (
     rivals,
     run_search,
 )
+from bayesdeg.criticism.fit.trials import DECIDING
 from bayesdeg.criticism.outcome import LEFT_LEVEL
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import SHAPES, X, linear_cause
@@ -67,6 +68,16 @@ def test_a_cause_is_chosen_where_its_exact_factor_passes_the_threshold_and_only_
             found.append(margin > 0.0)
     assert found.count(True) >= 4
     assert found.count(False) >= 4
+
+
+@pytest.mark.parametrize(("beyond", "draws"), [(0.5, DECIDING), (1.5, 0)])
+def test_evidence_next_to_the_threshold_rests_on_more_draws(beyond, draws):
+    search, chosen = searched(straight.readings(0, wave=0.15))
+    gain = search.factor(chosen)
+    search.steps[NOTHING] = replace(search.step(NOTHING), threshold=gain + beyond)
+    assert not search.passes(NOTHING, chosen)
+    assert [search.trials[names].settled_by for names in (NOTHING, chosen)] == [draws, draws]
+    assert search.factor(NOTHING) == 0.0
 
 
 @pytest.mark.parametrize(("most", "named"), [(1000, True), (0, False)])
