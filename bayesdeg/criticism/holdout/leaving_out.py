@@ -23,8 +23,8 @@ _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
 KEPT = 1000
-"""Draws of a first fit that are weighted, some ten for each effective one; where it was estimated
-again, as many as there are."""
+"""Draws of a first fit that are weighted, some ten for each effective one; of one that was settled
+all are."""
 FEW = 6  # groups
 
 
