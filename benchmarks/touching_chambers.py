@@ -39,25 +39,13 @@ LOADS = tuple(np.linspace(0.08, 0.96, 12))
 
 def facing(nodes: Floats, geometry: Geometry) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Return nodes on both walls of each slot, those that face each other in the same places."""
-    dimensions, pairs = geometry.dimensions, []
-    pitch = geometry.chamber_length + 2.0 * dimensions.chamber_wall + dimensions.gap
-    first = dimensions.end_wall + geometry.chamber_length + dimensions.chamber_wall
-    for slot in range(dimensions.chambers - 1):
-        left = first + slot * pitch
-        sides = [
-            np.flatnonzero(np.isclose(nodes[:, 0], x, atol=1e-6))
-            for x in (left, left + dimensions.gap)
-        ]
+    pairs = []
+    for slot in geometry.slot_spans:
+        sides = [np.flatnonzero(np.isclose(nodes[:, 0], x, atol=1e-6)) for x in slot]
         places = [{tuple(np.round(nodes[n, 1:], 6)): n for n in side} for side in sides]
-        above = [key for key in places[0] if key in places[1] and key[1] > bottom_of(geometry)]
+        above = [key for key in places[0] if key in places[1] and key[1] > geometry.slot_bottom]
         pairs.append(tuple(np.array([place[key] for key in above]) for place in places))
     return pairs
-
-
-def bottom_of(geometry: Geometry) -> float:
-    """Return the height of the bottom of a slot [mm]."""
-    d = geometry.dimensions
-    return d.floor + d.channel_height + d.channel_roof
 
 
 def smallest_gap(nodes: Floats, pairs: list[tuple[NDArray[np.intp], NDArray[np.intp]]]) -> float:
