@@ -46,11 +46,12 @@ from bayesdeg.criticism.fit.linear import (
 )
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.study import read_study
+from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.pipeline.progress import Silent
+from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]
@@ -80,9 +81,24 @@ def judged(study: HiddenStudy, folder: Path, *, effort: str, seed: int, draw: in
     Another `draw` judges the same readings with other random numbers.
     """
     truth, changes = _planted(study, folder, seed)
+    return examined(study, folder, truth, changes, effort=effort, seed=seed, draw=draw)
+
+
+def examined(
+    study: HiddenStudy,
+    folder: Path,
+    truth: Truth,
+    changes: Changes,
+    *,
+    effort: str,
+    seed: int,
+    draw: int = 0,
+    surrogate: Surrogate | None = None,
+) -> Json:
+    """Judge a study from its folder, by default with the emulator that ships with the package."""
     start = time.perf_counter()
     with threadpool_limits(limits=1):
-        assembly = assemble(read_study(folder))
+        assembly = assemble_within_reach(read_study(folder), surrogate)
         fitting, judging = np.random.SeedSequence(study.number).spawn(2 * draw + 2)[-2:]
         base = base_without_chain(assembly.model, fitting)
         begun = time.perf_counter()

@@ -713,7 +713,7 @@ def made_by_physics(
     The change is that against a twin, in which it alone is missing and all else is as it was. Of
     what only changes what is written beside the readings there is none.
     """
-    truth = _written(study, study.physics, folder, forward=forward, seed=seed, command=command)
+    truth = written(study, study.physics, folder, forward=forward, seed=seed, command=command)
     observed, changes = _observed(folder), {}
     for one in study.physics:
         if not one.shows_in_readings:
@@ -721,14 +721,14 @@ def made_by_physics(
         twin = folder.with_name(f"{folder.name}-without-{one.cause}")
         others = tuple(other for other in study.physics if other is not one)
         how = {"forward": forward, "seed": seed, "command": command}
-        same = _written(study, others, twin, **how, tests_of=study.physics)
+        same = written(study, others, twin, **how, tests_of=study.physics)
         without = _observed(twin)
         if same == truth and without.shape == observed.shape:
             changes[one.cause] = observed - without
     return truth, changes
 
 
-def _written(
+def written(
     study: PhysicalStudy,
     physics: tuple[Physical, ...],
     folder: Path,
@@ -737,8 +737,35 @@ def _written(
     seed: int,
     command: str,
     tests_of: tuple[Physical, ...] | None = None,
+    tests: Design | None = None,
+    dimensions: Dimensions | None = None,
+    mesh: Resolution = FINE,
 ) -> Truth:
-    design = design_with(tests_of or physics, designs()[study.design], study.design)
+    """Write the folder of a study in which given effects are at work; return what is true of it.
+
+    Parameters
+    ----------
+    study : PhysicalStudy
+    physics : tuple of Physical
+        What is at work.
+    folder : Path
+    forward : ForwardMap
+        Without effects.
+    seed : int
+    command : str
+        That makes the study.
+    tests_of : tuple of Physical, optional
+        Effects whose tests are made; by default those at work.
+    tests : Design, optional
+        By default that which the study names.
+    dimensions : Dimensions, optional
+        Of the actuators; by default those of the source.
+    mesh : Resolution
+        Of the forward map.
+    """
+    design = design_with(
+        tests_of or physics, designs()[study.design] if tests is None else tests, study.design
+    )
     bare = replace(study, effects=(), physics=())
     acting = forward_with(physics, design, forward)
     made = experimented(bare, forward=acting, seed=seed, design=design)
@@ -746,10 +773,11 @@ def _written(
     for place, one in enumerate(physics):
         if one.recorded is not None:
             tables = one.recorded(tables, np.random.default_rng((seed, study.number, place)))
+    title = f"hidden effect {study.number}"
     settings = Settings(
-        title=f"hidden effect {study.number}", seed=study.number, priors=made.priors
+        title=title, seed=study.number, priors=made.priors, dimensions=dimensions or Dimensions()
     )
-    provenance = Provenance(command=command, seed=seed, mesh=vars(FINE))
+    provenance = Provenance(command=command, seed=seed, mesh=vars(mesh))
     experiment = replace(made.experiment, tables=tables)
     write_folder(experiment, settings, folder, provenance=provenance)
     (folder / TRUTH_FILE).unlink()

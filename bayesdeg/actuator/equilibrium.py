@@ -211,6 +211,8 @@ class StepControl:
         Wanted error of the guess [mm].
     exact : bool
         Whether every load must be met.
+    memory : int
+        Points, at most, that the next guess is extrapolated from.
     """
 
     step: float
@@ -219,6 +221,7 @@ class StepControl:
     longest: float
     target: float
     exact: bool
+    memory: int = MEMORY
 
     @classmethod
     def start(
@@ -249,16 +252,22 @@ class StepControl:
         """Whether steps have become so short, though none failed, that the end is out of reach."""
         return self.step < STUCK * self.end
 
-    def failed(self) -> Self:
-        """Return the control after a step that failed."""
-        return replace(self, step=0.5 * self.step)
+    def failed(self, trial: LoadStep) -> Self:
+        """Return the control after a step that failed.
+
+        A guess that is no possible shape itself was extrapolated across a kink, as where paper
+        begins to wrinkle: the last tangent alone then leads further than half of the step.
+        """
+        if trial.factorizations == 1 and self.memory > 1:
+            return replace(self, memory=1)
+        return replace(self, step=0.5 * self.step, memory=MEMORY)
 
     def succeeded(self, error: float, points: int) -> Self:
         """Return the control after a step whose guess was off by ``error`` [mm]."""
-        order = 2 * min(points, MEMORY) - 1
+        order = 2 * min(points, self.memory) - 1
         growth = (0.5 * self.target / max(error, 1e-300)) ** (1.0 / order)
         step = self.step * float(np.clip(growth, 0.4, LARGEST_GROWTH))
-        return replace(self, step=min(step, self.longest))
+        return replace(self, step=min(step, self.longest), memory=min(self.memory + 1, MEMORY))
 
 
 STEPS = 40
@@ -469,8 +478,9 @@ def follow(
     last states and the path's tangents there, and is as long as that polynomial is good for one
     step of Newton's method. Between the ends of steps the same kind of polynomial is
     interpolated, unless ``effort.exact`` asks for an equilibrium at every load. A step that
-    loses positive definiteness, turns an element inside out or does not converge is halved;
-    when nothing is left to halve, the limit point is looked for.
+    loses positive definiteness, turns an element inside out or does not converge is tried with a
+    guess by the last tangent alone, or halved; when nothing is left to halve, the limit point is
+    looked for.
 
     Parameters
     ----------
@@ -536,11 +546,11 @@ def _climb(
         if control.is_stuck:
             return points, Status.LIMIT_POINT, spent
         end = control.next_load(points[-1].state.load, loads)
-        guess = extrapolate(points, end)
+        guess = extrapolate(points[-control.memory :], end)
         trial = find_equilibrium(problem, solver, guess=guess, effort=effort)
         spent += trial.factorizations
         if trial.rate is None:
-            control = control.failed()
+            control = control.failed(trial)
             if control.step < control.smallest:
                 return points, Status.LIMIT_POINT, spent
             continue

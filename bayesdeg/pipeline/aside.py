@@ -42,6 +42,8 @@ class Aside:
         the specimens are set aside.
     is_out : bool
         Whether it is: as many specimens as half of them are merely told.
+    columns : tuple of str
+        What was read at single readings that is set aside.
     """
 
     suspect: Suspect | None
@@ -49,6 +51,7 @@ class Aside:
     specimens: tuple[str, ...]
     readings: tuple[tuple[str, float, str, float], ...]
     is_out: bool = True
+    columns: tuple[str, ...] = READ
 
 
 def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Aside, ...]:
@@ -108,7 +111,7 @@ def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:
     if one.table == "tensile" or not one.readings:
         return table[~wrong].reset_index(drop=True)
     found = table.copy()
-    found.loc[wrong, list(READ)] = np.nan
+    found.loc[wrong, [name for name in one.columns if name in found]] = np.nan
     return found
 
 

@@ -41,6 +41,7 @@ from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.reach import assemble_within_reach
 
 Floats = NDArray[np.float64]
 
@@ -374,7 +375,7 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
     seed : int
         Of the draws.
     """
-    assembly = assemble(study, surrogate)
+    assembly = assemble_within_reach(study, surrogate)
     model = assembly.model
     sequence = np.random.SeedSequence(seed)
     generator = np.random.default_rng(sequence)

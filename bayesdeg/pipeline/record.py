@@ -510,7 +510,23 @@ def suspects_of(
         found = doubts(whole, outline(whole).expected) if known else ()
     odd = [_odd(one, results, whole) for one in assembly.aside if one.suspect is not None]
     out = {(one.table, n) for one in assembly.aside if one.suspect is None for n in one.specimens}
-    return (*odd, *(_suspect(doubt, out) for doubt in found))
+    beyond = [] if assembly.beyond is None else [_beyond(assembly.beyond)]
+    return (*odd, *beyond, *(_suspect(doubt, out) for doubt in found))
+
+
+def _beyond(one: Aside) -> SuspectEntry:
+    """Return what is said of readings that no curve reaches."""
+    several = len(one.specimens) > 1
+    lowest = min(pressure for _, pressure, *_ in one.readings)
+    return SuspectEntry(
+        file=f"{one.table}.csv",
+        specimen=None if several else one.specimens[0],
+        specimens=one.specimens if several else (),
+        why=sentences("findings", "beyond", one=one, lowest=lowest),
+        oddity="beyond",
+        readings=len(one.readings),
+        set_aside=True,
+    )
 
 
 def _suspect(doubt: Doubt, out: Collection[tuple[str | None, str]]) -> SuspectEntry:

@@ -34,9 +34,9 @@ from bayesdeg.emulator.scaling import Units
 from bayesdeg.emulator.solutions import Run, Solution
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.observations.curvature import Curvature, inputs_met
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.emulation import Campaign, asked_by, asked_of_model
+from bayesdeg.pipeline.reach import assemble_within_reach
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ def posteriors_of(
     base : Trial, optional
         The base model, if it was calibrated with this emulator and seed already.
     """
-    assembly, sequence = assemble(study, surrogate), np.random.SeedSequence(seed)
+    assembly, sequence = assemble_within_reach(study, surrogate), np.random.SeedSequence(seed)
     units = layer_units(geometry_of_study(study.settings))
     # sums of several threads depend on their number
     with threadpool_limits(1):

@@ -25,6 +25,7 @@ from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.counts import RuptureCounts
+from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.averaged import averaged
 from bayesdeg.pipeline.calibrate import Fit, awake, base_of, base_without_chain, calibrate
@@ -44,6 +45,7 @@ from bayesdeg.pipeline.judge import (
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.record import Results, in_doubt
 from bayesdeg.pipeline.run_record import run_document
 from bayesdeg.pipeline.suspects import without_suspects
@@ -143,7 +145,8 @@ def run_study(
     _wake(executor)
     seeds = Streams.of(study.settings.seed)
     with clock.stage("read"):
-        assembly = assemble(study, forward)
+        assembly = assemble_within_reach(study, forward)
+        study = assembly.study or study
     if study.settings.set_aside:
         with clock.stage("suspects"):
             progress.stage(OptionalStage.SUSPECTS)
@@ -190,10 +193,11 @@ def _judged(
     with clock.stage("extended"):
         results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
         results = _with_average(results, seeds.averaged, guard)
-    if assembly.whole is None:
+    if not assembly.aside or assembly.whole is None:
         return results
     with clock.stage("verdict with suspects"):
-        judging = (assembly.whole, forward, seeds.suspects, executor)
+        reached = [] if assembly.beyond is None else [assembly.beyond]
+        judging = (set_aside(assembly.whole, reached), forward, seeds.suspects, executor)
         return _judged_with_suspects(results, *judging, guard)
 
 

@@ -22,6 +22,7 @@ from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline.aside import FILES, Aside, asides, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.reach import assemble_within_reach
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +49,8 @@ def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assemb
     StudyError, BayesdegError
         As of `assemble`.
     """
-    assembly = assemble(study, forward)
+    assembly = assemble_within_reach(study, forward)
+    study = assembly.study or study
     return without_suspects(study, assembly, forward) if study.settings.set_aside else assembly
 
 
@@ -60,24 +62,27 @@ def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | Non
     study : Study
         Checked.
     assembly : Assembly
-        Its base model with all readings.
+        Its base model with all readings that curves reach.
     forward : ForwardMap, optional
         With which that was assembled.
     """
     model = assembly.model
     if not isinstance(model.world, FilmsAndActuators) or model.actuator is None:
         return assembly
+    whole, beyond = assembly.whole or study, assembly.beyond
     seen = _doubted(study)
     if seen:
         rest = set_aside(study, seen)
         found = without_suspects(rest, assemble(rest, forward), forward)
         aside = (*seen, *found.aside)
-        return replace(found, study=found.study or rest, whole=study, aside=aside)
+        rest = found.study or rest
+        return replace(found, study=rest, whole=whole, aside=aside, beyond=beyond)
     aside = asides(model, _suspects(study, model, forward))
     if not aside:
         return assembly
     rest = set_aside(study, aside)
-    return replace(assemble(rest, forward), study=rest, whole=study, aside=aside)
+    found = assemble(rest, forward)
+    return replace(found, study=rest, whole=whole, aside=aside, beyond=beyond)
 
 
 def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tuple[Suspect, ...]:

@@ -897,7 +897,7 @@ def _pushes_table(found: TableSources) -> pd.DataFrame | None:
 
 def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     """Return what does not belong with the rest of the study, or is unlikely by its columns."""
-    if not found.study.settings.set_aside:
+    if not found.study.settings.set_aside and found.results.assembly.beyond is None:
         return None
     rows = [
         {
@@ -951,7 +951,9 @@ def _of_missing(
 
 def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
     """Return curvatures at the degradation rates of suspects, and which of them are set aside."""
-    whole, aside = found.results.assembly.whole, found.results.assembly.aside
+    assembly = found.results.assembly
+    whole, beyond = assembly.whole, assembly.beyond
+    aside = (*assembly.aside, *([] if beyond is None else [beyond]))
     if whole is None or whole.actuator is None or not any(a.table == "actuator" for a in aside):
         return None
     table = whole.actuator[whole.actuator["curvature_per_m"].notna()].reset_index(drop=True)

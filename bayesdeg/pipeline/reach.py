@@ -1,0 +1,113 @@
+"""Which readings of actuators no curve of their material reaches, since it balloons before.
+
+A forward map answers up to where a curve grows too steeply to be emulated. A reading beyond is met
+by no model: each would be judged by how far its curves go, and a cause of which they go further
+would be named for that. Such readings are known from films and priors, before any model is fitted
+to the others, so that all models have the same ones.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.data.plausibility import doubts
+from bayesdeg.data.study import Study
+from bayesdeg.emulator.surrogate import LIMIT_MARGIN, Surrogate
+from bayesdeg.inference.model import JointModel, least_squares
+from bayesdeg.observations.curvature import ACTUATOR, Curvature, inputs_met
+from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.pipeline.aside import READ, Aside, set_aside
+from bayesdeg.pipeline.assemble import Assembly, assemble
+from bayesdeg.pipeline.outline import outline
+
+Flags = NDArray[np.bool_]
+
+MARGIN = 0.03
+"""By which readings stay below the end of a curve, of its pressure: films tell the stiffness, to
+which that is in proportion, to 2 or 3 %."""
+MOST = 0.5
+"""Of the readings of a specimen: where more lie beyond, a unit or a constant is wrong."""
+READINGS = (*READ, "cavity_volume_ml")
+
+
+def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> Assembly:
+    """Build the base model of a study, without readings that no curve of their material reaches.
+
+    Parameters
+    ----------
+    study : Study
+        Checked data and settings.
+    forward : ForwardMap, optional
+        By default the emulator that ships with the package.
+
+    Returns
+    -------
+    Assembly
+        With what was set aside, and the study that is left.
+
+    Raises
+    ------
+    StudyError, BayesdegError
+        As of `assemble`.
+    """
+    assembly = assemble(study, forward)
+    aside = beyond_reach(study, assembly.model)
+    if aside is None:
+        return assembly
+    rest = set_aside(study, [aside])
+    return replace(assemble(rest, forward), study=rest, whole=study, beyond=aside)
+
+
+def beyond_reach(study: Study, model: JointModel) -> Aside | None:
+    """Return the readings that no curve reaches; None if there are none, or too many of a specimen.
+
+    Those of a specimen whose pressures are in another unit, by its columns, are not among them.
+
+    Parameters
+    ----------
+    study : Study
+    model : JointModel
+        Its base model with all readings, of which films and priors alone count here.
+    """
+    if not isinstance(model.world, FilmsAndActuators):
+        return None
+    places = model.places
+    read = places.family == ACTUATOR
+    over = read & (places.along > _ends(model, places.specimen))
+    if np.any(over):
+        over &= ~np.isin(places.specimen, _in_another_unit(study))
+    specimens = tuple(dict.fromkeys(str(name) for name in places.specimen[over]))
+    if not specimens or any(np.mean(over[places.specimen == n]) > MOST for n in specimens):
+        return None
+    keys = {
+        (
+            str(places.specimen[i]),
+            float(places.along[i]),
+            str(places.history[i]),
+            float(np.nan_to_num(places.time[i], nan=-1.0)),
+        )
+        for i in np.flatnonzero(over)
+    }
+    return Aside(None, "actuator", specimens, tuple(sorted(keys)), columns=READINGS)
+
+
+def _in_another_unit(study: Study) -> list[str]:
+    odd = (one.fault for one in doubts(study, outline(study).expected) if one.is_alone)
+    return [fault.specimen for fault in odd if fault.specimen is not None]
+
+
+def _ends(model: JointModel, specimens: NDArray[np.str_]) -> NDArray[np.float64]:
+    """Return the largest pressure that is kept of each specimen [kPa]; inf if none is known."""
+    world = model.world
+    known: dict[str, float] = {}
+    if isinstance(world, FilmsAndActuators) and isinstance(world.forward, Surrogate):
+        state = model.tests(model.table.named(least_squares(model)[None]))
+        for one in model.of_kind(Curvature):
+            met = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+            limit = world.forward.limit_pressure(met)
+            end = np.where(limit.trained, limit.pressure - LIMIT_MARGIN * limit.sd, np.inf)
+            lowest = (1.0 - MARGIN) * end[0].min(axis=-1)
+            known |= dict(zip(one.curves.specimens, lowest.tolist(), strict=True))
+    return np.array([known.get(str(name), np.inf) for name in specimens])
