@@ -5,11 +5,11 @@
 Each study has an actuator of its own: length, section, walls, slots and number of chambers are
 drawn, as are its material, its specimens and what is hidden in it by physics of a laboratory
 (``physical_effects.py``), never by the rule of the entry that explains it; in every fifth there is
-nothing. Pressures go to three quarters of those at which a fresh actuator balloons on a coarse mesh,
-240 kPa at most, which is beyond the end of what an emulator answers for some.
-Readings come from finite elements on a mesh that is finer in each direction than that for which the
-study's emulator stands. Then an emulator is trained where the study lies, and the study is judged
-from its folder alone, as ``bayesdeg run`` does at quick effort. Studies that were made are kept in
+nothing. Pressures go to three quarters of those at which a fresh actuator balloons on a coarse
+mesh, 240 kPa at most; in some studies that is beyond the end of what an emulator answers. Readings
+come from finite elements on a mesh that is finer in each direction than that for which the study's
+emulator stands. Then an emulator is trained where the study lies, and the study is judged from its
+folder alone, as ``bayesdeg run`` does at quick effort. Studies that were made are kept in
 ``.cache/other_actuators`` and not made again.
 
 Keys are those of ``hidden_effects.py``; visible sizes are those of the entries' rules. With

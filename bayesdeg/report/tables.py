@@ -521,7 +521,7 @@ _TABLES = (
             _text("specimens", "whose, separated by spaces"),
             _text("column", "which column, if it is one"),
             _text("value", "what stands there"),
-            _text("oddity", "in which way it is odd; beyond where no curve goes so far; empty of what its columns alone say"),
+            _text("oddity", "in which way it is odd; empty of what its columns alone say"),
             Column("size", "–", "how much: of ln stiffness, or a share; of an offset in kPa"),
             Column("score", "–", "standard deviations off what all others predict"),
             Column("p_value", "–", "of such a score by chance, times the number looked at"),
