@@ -493,11 +493,14 @@ def _elsewhere(search: Search, chosen: Names) -> Names:
 def _passes_at_once(search: Search, names: Names, larger: Names) -> bool:
     """Return whether a larger set, which need not hold the smaller one, gains what naming takes.
 
-    Where nothing was named, chance has all pairs to choose from. They are held against what chance
-    leaves of its 5 % to single causes, so that both together keep it.
+    Beside a cause that was named, each further one has to gain as much as one alone has to. Where
+    nothing was named, chance has all pairs to choose from. They are held against what chance leaves
+    of its 5 % to single causes, so that both together keep it.
     """
     if names != search.base.names:
-        return search.passes(names, larger)
+        gain = search.factor(larger) - search.factor(names)
+        least = (len(larger) - len(names)) * search.step(names).threshold
+        return gain >= least and search.passes(names, larger)
     step = search.step(names)
     least = LEAST_FACTOR + float(np.log(max(len(search.causes) - 1, 2) / 2.0))
     gain = search.factor(larger)
