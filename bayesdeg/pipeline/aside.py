@@ -42,8 +42,8 @@ class Aside:
         the specimens are set aside.
     is_out : bool
         Whether it is: as many specimens as half of them are merely told.
-    columns : tuple of str
-        What was read at single readings that is set aside.
+    is_without_rows : bool
+        Whether rows of single readings of actuators go as a whole, with what is known of rupture.
     """
 
     suspect: Suspect | None
@@ -51,7 +51,7 @@ class Aside:
     specimens: tuple[str, ...]
     readings: tuple[tuple[str, float, str, float], ...]
     is_out: bool = True
-    columns: tuple[str, ...] = READ
+    is_without_rows: bool = False
 
 
 def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Aside, ...]:
@@ -83,7 +83,7 @@ def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
     """Return a study without what is set aside.
 
     Specimens leave their table; of single readings of actuators the row stays, with what was read
-    empty, so that pressure and rupture are still known.
+    empty, so that pressure and rupture are still known, unless no prediction goes so far.
     """
     changed: dict[str, Any] = {}
     for one in aside:
@@ -108,10 +108,10 @@ def is_set_aside(table: pd.DataFrame, aside: Iterable[Aside]) -> NDArray[np.bool
 
 def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:
     wrong = is_set_aside(table, [one])
-    if one.table == "tensile" or not one.readings:
+    if one.table == "tensile" or not one.readings or one.is_without_rows:
         return table[~wrong].reset_index(drop=True)
     found = table.copy()
-    found.loc[wrong, [name for name in one.columns if name in found]] = np.nan
+    found.loc[wrong, list(READ)] = np.nan
     return found
 
 

@@ -3,7 +3,8 @@
 A forward map answers up to where a curve grows too steeply to be emulated. A reading beyond is met
 by no model: each would be judged by how far its curves go, and a cause of which they go further
 would be named for that. Such readings are known from films and priors, before any model is fitted
-to the others, so that all models have the same ones.
+to the others, so that all models have the same ones. Their rows go as a whole: beyond the end of a
+curve a wall is taken for burst, and that one held would speak against any model too.
 """
 
 from dataclasses import replace
@@ -18,7 +19,7 @@ from bayesdeg.emulator.surrogate import LIMIT_MARGIN, Surrogate
 from bayesdeg.inference.model import JointModel, least_squares
 from bayesdeg.observations.curvature import ACTUATOR, Curvature, inputs_met
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.pipeline.aside import READ, Aside, set_aside
+from bayesdeg.pipeline.aside import Aside, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
 
@@ -29,7 +30,6 @@ MARGIN = 0.03
 which that is in proportion, to 2 or 3 %."""
 MOST = 0.5
 """Of the readings of a specimen: where more lie beyond, a unit or a constant is wrong."""
-READINGS = (*READ, "cavity_volume_ml")
 
 
 def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> Assembly:
@@ -90,7 +90,7 @@ def beyond_reach(study: Study, model: JointModel) -> Aside | None:
         )
         for i in np.flatnonzero(over)
     }
-    return Aside(None, "actuator", specimens, tuple(sorted(keys)), columns=READINGS)
+    return Aside(None, "actuator", specimens, tuple(sorted(keys)), is_without_rows=True)
 
 
 def _in_another_unit(study: Study) -> list[str]:
