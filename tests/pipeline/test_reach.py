@@ -108,8 +108,8 @@ def test_a_single_one_is_told_as_one(study):
     one = with_readings(study, FRESH[:1], [300.0])
     results = SimpleNamespace(assembly=assemble_within_reach(one), final=None)
     [entry] = [entry for entry in suspects_of(one, results) if entry.set_aside]
-    assert entry.specimen == FRESH[0]
-    assert "One reading is set aside" in entry.why
+    assert (entry.specimen, entry.specimens, entry.readings) == (FRESH[0], (), 1)
+    assert "300 kPa" in entry.why
 
 
 def test_where_most_lie_beyond_something_else_is_wrong(study):
