@@ -32,7 +32,7 @@ class Aside:
     Parameters
     ----------
     suspect : Suspect or None
-        Why; None where its columns say it, without a model.
+        Why; None where its columns say it, or where no curve goes so far.
     table : str
         Of which table: ``actuator`` or ``tensile``.
     specimens : tuple of str
@@ -63,20 +63,26 @@ def _aside(places: Places, suspect: Suspect) -> Aside:
     one = suspect.hypothesis
     table = TABLES.get(str(places.family[np.argmax(one.rows)]), "")
     if one.oddity in BY_READING:
-        rows = np.flatnonzero(one.rows)
-        keys = {
-            (
-                str(places.specimen[i]),
-                float(places.along[i]),
-                str(places.history[i]),
-                float(np.nan_to_num(places.time[i], nan=-1.0)),
-            )
-            for i in rows
-        }
-        return Aside(suspect, table, one.specimens, tuple(sorted(keys)))
+        return Aside(suspect, table, one.specimens, readings_at(places, one.rows))
     family = places.family == places.family[np.argmax(one.rows)]
     total = len(np.unique(places.specimen[family]))
     return Aside(suspect, table, one.specimens, (), is_out=2 * len(one.specimens) <= total)
+
+
+def readings_at(
+    places: Places, rows: NDArray[np.bool_]
+) -> tuple[tuple[str, float, str, float], ...]:
+    """Return which readings stand in some rows of the observations, as `Aside` names them."""
+    keys = {
+        (
+            str(places.specimen[i]),
+            float(places.along[i]),
+            str(places.history[i]),
+            float(np.nan_to_num(places.time[i], nan=-1.0)),
+        )
+        for i in np.flatnonzero(rows)
+    }
+    return tuple(sorted(keys))
 
 
 def set_aside(study: Study, aside: Iterable[Aside]) -> Study:

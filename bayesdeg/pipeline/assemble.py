@@ -70,7 +70,7 @@ class Assembly:
         The batch of each specimen of which one is recorded.
     study, whole : Study, optional
         What is left of the study, and the study with all of it, where something was.
-    beyond : Aside, optional
+    beyond : tuple of Aside
         Readings that were set aside since no curve goes so far.
     """
 
@@ -86,7 +86,7 @@ class Assembly:
     batches: dict[str, str] = field(default_factory=dict)
     study: Study | None = None
     whole: Study | None = None
-    beyond: Aside | None = None
+    beyond: tuple[Aside, ...] = ()
 
     @property
     def causes(self) -> tuple[Cause, ...]:

@@ -16,14 +16,13 @@ from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import LIMIT_MARGIN, Surrogate
+from bayesdeg.errors import Fault
 from bayesdeg.inference.model import JointModel, least_squares
 from bayesdeg.observations.curvature import ACTUATOR, Curvature, inputs_met
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.pipeline.aside import Aside, set_aside
+from bayesdeg.pipeline.aside import Aside, readings_at, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
-
-Flags = NDArray[np.bool_]
 
 MARGIN = 0.03
 """By which readings stay below the end of a curve, of its pressure: films tell the stiffness, to
@@ -57,7 +56,7 @@ def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> As
     if aside is None:
         return assembly
     rest = set_aside(study, [aside])
-    return replace(assemble(rest, forward), study=rest, whole=study, beyond=aside)
+    return replace(assemble(rest, forward), study=rest, whole=study, beyond=(aside,))
 
 
 def beyond_reach(study: Study, model: JointModel) -> Aside | None:
@@ -68,6 +67,7 @@ def beyond_reach(study: Study, model: JointModel) -> Aside | None:
     Parameters
     ----------
     study : Study
+        As read.
     model : JointModel
         Its base model with all readings, of which films and priors alone count here.
     """
@@ -77,25 +77,18 @@ def beyond_reach(study: Study, model: JointModel) -> Aside | None:
     read = places.family == ACTUATOR
     over = read & (places.along > _ends(model, places.specimen))
     if np.any(over):
-        over &= ~np.isin(places.specimen, _in_another_unit(study))
+        over &= ~np.isin(places.specimen, [str(one.specimen) for one in in_another_unit(study)])
     specimens = tuple(dict.fromkeys(str(name) for name in places.specimen[over]))
     if not specimens or any(np.mean(over[places.specimen == n]) > MOST for n in specimens):
         return None
-    keys = {
-        (
-            str(places.specimen[i]),
-            float(places.along[i]),
-            str(places.history[i]),
-            float(np.nan_to_num(places.time[i], nan=-1.0)),
-        )
-        for i in np.flatnonzero(over)
-    }
-    return Aside(None, "actuator", specimens, tuple(sorted(keys)), is_without_rows=True)
+    readings = readings_at(places, over)
+    return Aside(None, "actuator", specimens, readings, is_without_rows=True)
 
 
-def _in_another_unit(study: Study) -> list[str]:
+def in_another_unit(study: Study) -> list[Fault]:
+    """Return single specimens whose columns are many times those of the others."""
     odd = (one.fault for one in doubts(study, outline(study).expected) if one.is_alone)
-    return [fault.specimen for fault in odd if fault.specimen is not None]
+    return [fault for fault in odd if fault.specimen is not None]
 
 
 def _ends(model: JointModel, specimens: NDArray[np.str_]) -> NDArray[np.float64]:

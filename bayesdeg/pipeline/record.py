@@ -510,7 +510,7 @@ def suspects_of(
         found = doubts(whole, outline(whole).expected) if known else ()
     odd = [_odd(one, results, whole) for one in assembly.aside if one.suspect is not None]
     out = {(one.table, n) for one in assembly.aside if one.suspect is None for n in one.specimens}
-    beyond = [] if assembly.beyond is None else [_beyond(assembly.beyond)]
+    beyond = [_beyond(one) for one in assembly.beyond]
     return (*odd, *beyond, *(_suspect(doubt, out) for doubt in found))
 
 

@@ -196,8 +196,8 @@ def _judged(
     if not assembly.aside or assembly.whole is None:
         return results
     with clock.stage("verdict with suspects"):
-        reached = [] if assembly.beyond is None else [assembly.beyond]
-        judging = (set_aside(assembly.whole, reached), forward, seeds.suspects, executor)
+        reached = set_aside(assembly.whole, assembly.beyond)
+        judging = (reached, forward, seeds.suspects, executor)
         return _judged_with_suspects(results, *judging, guard)
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.criticism.checks.suspects import Suspect, find_suspects
 from bayesdeg.data.batches import recorded_batches
-from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.laplace import find_mode
@@ -21,8 +20,7 @@ from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline.aside import FILES, Aside, asides, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.reach import assemble_within_reach
+from bayesdeg.pipeline.reach import assemble_within_reach, in_another_unit
 
 Floats = NDArray[np.float64]
 
@@ -99,11 +97,10 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
 
 def _doubted(study: Study) -> tuple[Aside, ...]:
     """Return single specimens whose columns are many times those of the others: another unit."""
-    odd = [one.fault for one in doubts(study, outline(study).expected) if one.is_alone]
     return tuple(
-        Aside(None, FILES[fault.file], (fault.specimen,), ())
-        for fault in odd
-        if fault.file in FILES and fault.specimen is not None
+        Aside(None, FILES[fault.file], (str(fault.specimen),), ())
+        for fault in in_another_unit(study)
+        if fault.file in FILES
     )
 
 

@@ -897,7 +897,7 @@ def _pushes_table(found: TableSources) -> pd.DataFrame | None:
 
 def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     """Return what does not belong with the rest of the study, or is unlikely by its columns."""
-    if not found.study.settings.set_aside and found.results.assembly.beyond is None:
+    if not (found.study.settings.set_aside or found.results.assembly.beyond):
         return None
     rows = [
         {
@@ -952,8 +952,7 @@ def _of_missing(
 def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
     """Return curvatures at the degradation rates of suspects, and which of them are set aside."""
     assembly = found.results.assembly
-    whole, beyond = assembly.whole, assembly.beyond
-    aside = (*assembly.aside, *([] if beyond is None else [beyond]))
+    whole, aside = assembly.whole, (*assembly.aside, *assembly.beyond)
     if whole is None or whole.actuator is None or not any(a.table == "actuator" for a in aside):
         return None
     table = whole.actuator[whole.actuator["curvature_per_m"].notna()].reset_index(drop=True)

@@ -17,7 +17,8 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.record import suspects_of
 from bayesdeg.pipeline.suspects import assemble_screened
-from bayesdeg.pipeline.writing import _set_aside_table
+from bayesdeg.pipeline.writing import BUILDS
+from bayesdeg.report.tables import SET_ASIDE, SUSPECTS
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 READ = ["curvature_per_m", "bend_angle_deg"]
@@ -49,16 +50,17 @@ def ballooning(study):
 
 def test_of_the_study_of_the_readme_nothing_is_beyond(study):
     assembly = assemble_within_reach(study)
-    assert (assembly.beyond, assembly.study, assembly.whole) == (None, None, None)
+    assert (assembly.beyond, assembly.study, assembly.whole) == ((), None, None)
 
 
 def test_the_models_are_those_of_a_study_without_such_readings(study, ballooning):
     assembly = assemble_within_reach(ballooning)
-    assert assembly.beyond.specimens == FRESH
-    assert {key[1] for key in assembly.beyond.readings} == {280.0, 300.0}
+    [beyond] = assembly.beyond
+    assert beyond.specimens == FRESH
+    assert {key[1] for key in beyond.readings} == {280.0, 300.0}
     np.testing.assert_array_equal(assembly.model.observed, assemble(study).model.observed)
     assert assembly.whole is ballooning
-    gone = is_set_aside(ballooning.actuator, [assembly.beyond])
+    gone = is_set_aside(ballooning.actuator, assembly.beyond)
     assert gone.sum() == 2 * len(FRESH)
     rest = ballooning.actuator[~gone].reset_index(drop=True)
     assert assembly.study.actuator.equals(rest)
@@ -67,17 +69,10 @@ def test_the_models_are_those_of_a_study_without_such_readings(study, ballooning
 def test_what_is_kept_ends_below_the_curve_of_the_films_material(ballooning):
     whole = assemble(ballooning).model
     values = {k: v[0] for k, v in whole.table.named(least_squares(whole)[None]).items()}
-    [c1], [c2], [c3] = whole.constants({k: np.array([v]) for k, v in values.items()}, [0.0])[0].T[
-        :, :, None
-    ]
-    fresh = Inputs(
-        np.array([1.0]),
-        c1,
-        c2,
-        c3,
-        np.cbrt(values["volume_ratio"]),
-        np.asarray(values["paper_stiffness"]),
-    )
+    named = {k: np.array([v]) for k, v in values.items()}
+    c1, c2, c3 = whole.constants(named, [0.0])[0].T
+    scale, paper = np.cbrt(named["volume_ratio"]), named["paper_stiffness"]
+    fresh = Inputs(np.array([1.0]), c1, c2, c3, scale, paper)
     limit = whole.world.forward.limit_pressure(fresh)
     end = float((limit.pressure - 2.0 * limit.sd)[0])
     kept = assemble_within_reach(ballooning).study.actuator
@@ -99,7 +94,9 @@ def test_they_are_told_with_pressure_and_count(ballooning):
     assert (entry.oddity, entry.readings, entry.specimens) == ("beyond", 6, FRESH)
     assert "280 kPa" in entry.why
     assert "6 readings" in entry.why
-    table = _set_aside_table(SimpleNamespace(results=results))
+    sources = SimpleNamespace(study=assembly.study, results=results)
+    assert BUILDS[SUSPECTS](sources)["oddity"].tolist() == ["beyond"]
+    table = BUILDS[SET_ASIDE](sources)
     assert table["set_aside"].sum() == 6
     assert set(table.loc[table["set_aside"] == 1, "pressure_kPa"]) == {280.0, 300.0}
 
@@ -114,14 +111,14 @@ def test_a_single_one_is_told_as_one(study):
 
 def test_where_most_lie_beyond_something_else_is_wrong(study):
     table = study.actuator.assign(pressure_kPa=study.actuator["pressure_kPa"] * 10.0)
-    assert assemble_within_reach(replace(study, actuator=table)).beyond is None
+    assert assemble_within_reach(replace(study, actuator=table)).beyond == ()
 
 
 def test_a_specimen_in_another_unit_is_not_told_to_balloon(study):
     table = study.actuator.copy()
     table.loc[table["specimen_id"] == "A00-2", "pressure_kPa"] *= 10.0
     millibar = replace(study, actuator=table)
-    assert assemble_within_reach(millibar).beyond is None
+    assert assemble_within_reach(millibar).beyond == ()
 
 
 @pytest.mark.slow
@@ -132,12 +129,12 @@ def test_suspects_are_looked_for_among_the_rest(ballooning):
     spoilt = replace(ballooning, actuator=table, settings=asked)
     assembly = assemble_screened(spoilt)
     assert [one.specimens for one in assembly.aside] == [("A10-2",)]
-    assert assembly.beyond.specimens == FRESH
+    assert [one.specimens for one in assembly.beyond] == [FRESH]
     assert assembly.whole is spoilt
-    rest = set_aside(spoilt, [*assembly.aside, assembly.beyond])
+    rest = set_aside(spoilt, [*assembly.aside, *assembly.beyond])
     np.testing.assert_array_equal(assembly.model.observed, assemble(rest).model.observed)
 
 
 def test_a_map_without_ends_keeps_all(ballooning, monkeypatch):
     monkeypatch.setattr(reach, "Surrogate", type(None))
-    assert assemble_within_reach(ballooning).beyond is None
+    assert assemble_within_reach(ballooning).beyond == ()

@@ -498,9 +498,10 @@ def _passes_at_once(search: Search, names: Names, larger: Names) -> bool:
     of its 5 % to single causes, so that both together keep it.
     """
     if names != search.base.names:
+        if not search.passes(names, larger):
+            return False
         gain = search.factor(larger) - search.factor(names)
-        least = (len(larger) - len(names)) * search.step(names).threshold
-        return gain >= least and search.passes(names, larger)
+        return gain >= (len(larger) - len(names)) * search.step(names).threshold
     step = search.step(names)
     least = LEAST_FACTOR + float(np.log(max(len(search.causes) - 1, 2) / 2.0))
     gain = search.factor(larger)
