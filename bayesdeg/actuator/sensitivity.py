@@ -143,6 +143,7 @@ INPUTS = (*MATERIAL_INPUTS, *SHAPE_INPUTS)
 
 VOLUME = OUTPUTS.index("cavity_volume")
 CORRECTIONS = 8
+ALIKE = 1e-10  # of the largest: directions of adjoints that differ less add rounding errors alone
 SMALLEST = np.finfo(float).tiny  # at rest some readings do not change, and their adjoints are zero
 
 
@@ -249,16 +250,17 @@ def adjoint_states(
 ) -> list[MechanicalState]:
     """Return the adjoints of outputs: the mixed problem's tangent inverted, times (g, 0).
 
-    Factors of a tangent near by are corrected by the defect of the mixed problem's equations. The
-    corrections shrink by a constant ratio, so the next is foreseen from the last two; it ends where
-    that changes less than ``enough``.
+    Factors of a tangent near by are corrected by the defect of the mixed problem's equations, after
+    all adjoints together have been made as good as their combinations can be: as a rule they err
+    in the same soft motions of the body. The corrections shrink by a constant ratio, so the next
+    is foreseen from the last two; it ends where that changes less than ``enough``.
     """
     right = np.column_stack([problem.on_free(g) for g in gradients])
     fields = [problem.system.expand(column) for column in solver.solve(right).T]
     adjoints = [MechanicalState(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
     before, sizes = np.ones(len(fields)), np.array([_largest(field) for field in fields])
     for _ in range(CORRECTIONS):
-        products = problem.products(state, adjoints)
+        adjoints, products = combined(adjoints, problem.products(state, adjoints), gradients)
         defects = [(f - g, v) for (f, v), g in zip(products, gradients, strict=True)]
         right = np.column_stack([problem.condensed(f, v, factors) for f, v in defects])
         moves = [problem.system.expand(-column) for column in solver.solve(right).T]
@@ -271,6 +273,48 @@ def adjoint_states(
             break
         before = now
     return adjoints
+
+
+def combined(
+    adjoints: Sequence[MechanicalState],
+    products: Sequence[tuple[Floats, Floats]],
+    gradients: Floats,
+) -> tuple[list[MechanicalState], list[tuple[Floats, Floats]]]:
+    """Return Galerkin's solutions of K λ = (g, 0) in the span of approximate ones.
+
+    With X the approximate adjoints as columns and G the right-hand sides, λ = X (1 + c), where
+    (Xᵀ K X) c = Xᵀ (G − K X).
+
+    Parameters
+    ----------
+    adjoints : sequence of MechanicalState
+        X.
+    products : sequence of pairs
+        K X, from ``Problem.products``.
+    gradients : array, shape (n_adjoints, n_nodes, 3)
+        G.
+
+    Returns
+    -------
+    adjoints, products : lists
+        λ and K λ.
+    """
+    parts = (
+        np.stack([adjoint.displacement for adjoint in adjoints]),
+        np.stack([adjoint.pressure for adjoint in adjoints]),
+        np.stack([force for force, _ in products]),
+        np.stack([volume for _, volume in products]),
+    )
+    along, pressures, forces, volumes = (part.reshape(len(adjoints), -1) for part in parts)
+    work = along @ forces.T + pressures @ volumes.T
+    wanted = along @ gradients.reshape(len(adjoints), -1).T
+    # at rest some readings do not change, and their adjoints are zero
+    size = 1.0 / np.sqrt(np.maximum(np.diag(work), SMALLEST))
+    missing = size[:, None] * (wanted - work)
+    change = size[:, None] * np.linalg.lstsq(work * np.outer(size, size), missing, rcond=ALIKE)[0]
+    fields, inner, pushed, swollen = (p + np.tensordot(change.T, p, axes=1) for p in parts)
+    states = [MechanicalState(u, p, 0.0) for u, p in zip(fields, inner, strict=True)]
+    return states, list(zip(pushed, swollen, strict=True))
 
 
 def _largest(field: Floats) -> float:

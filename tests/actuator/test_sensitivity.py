@@ -9,7 +9,8 @@ from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.equilibrium import find_equilibrium
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.outputs import OUTPUTS, read_state
-from bayesdeg.actuator.sensitivity import INPUTS, SHAPE_INPUTS
+from bayesdeg.actuator.problem import MechanicalState
+from bayesdeg.actuator.sensitivity import INPUTS, SHAPE_INPUTS, combined
 from bayesdeg.actuator.status import PathEffort, Status
 
 pytestmark = pytest.mark.fem
@@ -102,3 +103,22 @@ def test_rest_rates_are_the_slopes_of_the_first_small_load(two_chambers, every_e
     slope = (solution.readings[0] - solution.rest) / loads[0]
     smooth = [OUTPUTS.index(n) for n in ("bend_angle", "arc_length", "cavity_volume")]
     np.testing.assert_allclose(slope[smooth], solution.rest_rates[smooth], rtol=1e-3)
+
+
+def test_adjoints_are_combined_to_the_best_of_their_span() -> None:
+    generator = np.random.default_rng(5)
+    root = generator.normal(size=(38, 38))
+    tangent = root @ root.T  # of 10 nodes in space and 4 pressures in each of 2 elements
+    right = generator.normal(size=(3, 30))
+    right[2] = 0.0  # an output that does not change
+    exact = np.linalg.solve(tangent, np.hstack([right, np.zeros((3, 8))]).T).T
+    rough = np.array([[1.0, 0.3, 0.0], [-0.2, 2.0, 0.0], [0.0, 0.0, 1.0]]) @ exact
+    parts = [(row[:30].reshape(10, 3), row[30:].reshape(2, 4)) for row in rough]
+    pushed = [(row[:30].reshape(10, 3), row[30:].reshape(2, 4)) for row in rough @ tangent]
+    states = [MechanicalState(field, pressure, 0.0) for field, pressure in parts]
+    found, products = combined(states, pushed, right.reshape(3, 10, 3))
+    fields = np.stack([one.displacement.ravel() for one in found])
+    pressures = np.stack([one.pressure.ravel() for one in found])
+    np.testing.assert_allclose(np.hstack([fields, pressures]), exact, rtol=1e-8, atol=1e-12)
+    forces = np.stack([force.ravel() for force, _ in products])
+    np.testing.assert_allclose(forces, right, rtol=1e-8, atol=1e-9)
