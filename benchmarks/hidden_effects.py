@@ -215,13 +215,14 @@ def visible(
 def _column(linear: Linear, hidden: HiddenEffect) -> Floats:
     """Return the whitened effect; scaled up from a part of it where the whole is out of range."""
     values = hidden.values
-    whole = [float(p.law.to_unconstrained(values[p.name])) for p in hidden.cause.parameters]
+    known = {p.name: values.get(p.name, p.neutral) for p in hidden.cause.parameters}
+    whole = [float(p.law.to_unconstrained(known[p.name])) for p in hidden.cause.parameters]
     neutral = neutral_sizes(hidden.cause)
     shares = np.array([1.0, 0.5, 0.25, 0.1])
     steps = neutral + shares[:, None] * (np.array(whole) - neutral)
     change = effects(linear, hidden.cause, steps) / shares[:, None]
-    known = change[np.all(np.isfinite(change), axis=1)]
-    return known[0] if len(known) else np.zeros(change.shape[1])
+    finite = change[np.all(np.isfinite(change), axis=1)]
+    return finite[0] if len(finite) else np.zeros(change.shape[1])
 
 
 def _baseline(linear: Linear, judgement: Judgement) -> Json:

@@ -308,7 +308,7 @@ def search(
     return EmulatorSearch(None, path, tuple(reasons))
 
 
-FIT_VERSION = "1"  # raised where curves give another emulator than before: then it is fitted anew
+FIT_VERSION = "2"  # raised where curves give another emulator than before: then it is fitted anew
 COARSE_RUNS, FINE_RUNS = 24, 4
 """Curves of an emulator that is trained where one study lies, on either mesh."""
 DEPARTING, DEPARTING_FINE = 12, 1
@@ -335,7 +335,7 @@ MESHES: Mapping[ActuatorKind, tuple[Resolution, Resolution]] = {
 
 
 AT_THE_POSTERIOR = 16
-"""Fine curves with which the training of a pneunet's emulator for one study ends."""
+"""Fine curves with which the training of a pneunet's emulator for one study ends, or begins to end."""
 
 
 def local_recipe(dimensions: Mould) -> Recipe:

@@ -97,8 +97,9 @@ class Reach:
 def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Reach:
     """Return the load up to which a curve is smooth enough to emulate.
 
-    Where d ln κ / d ln q passes ``steepest``, or shortly before a limit point; of a curve whose
-    end was not found, the last load that was solved is a bound.
+    Where d ln κ / d ln q passes ``steepest`` from below, or shortly before a limit point; of a curve
+    whose end was not found, the last load that was solved is a bound. That it is large at first, or
+    that there is none, says that a curve begins with hardly any bending, or with some the other way.
     """
     place = Place.of(curve.material)
     q = samples.loads / place.modulus
@@ -106,9 +107,10 @@ def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Rea
     if len(q) < 3:
         return Reach(groups, 0.0, open=False)
     steep = _growth(samples)
-    over = np.flatnonzero(~(steep < steepest))
-    if len(over):
-        k = int(over[0])
+    over = ~(steep < steepest)
+    begun = 0 if over.all() else int(np.argmin(over))
+    if over[begun:].any():
+        k = begun + int(np.argmax(over[begun:]))
         crossing = q[max(k, 1)]
         if k > 0 and np.isfinite(steep[k]):
             pair = slice(k, k + 2)

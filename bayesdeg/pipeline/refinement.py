@@ -44,7 +44,8 @@ DRAWS = 60  # of each posterior
 WEIGHED = 1000  # draws by which shifts are known to 3 % of the spread of the change
 FIRST, MORE, REFINING_ROUNDS = AT_THE_POSTERIOR, 8, 3
 """Fine curves where the posterior lies, those that are added while they are too few, how often."""
-LAST_ROUNDS = 1  # of such curves with which the training of an emulator for one study ends
+LAST_ROUNDS = REFINING_ROUNDS
+"""The same at the end of the training of an emulator for one study; 0 for none."""
 RIVALS = 3  # causes that are fitted, the first of those that screening puts near the best
 COMMON_ERROR = "emulator_error_"  # begins the names of what an emulator's error is by the model
 TARGET_SHIFT = 0.1

@@ -71,6 +71,17 @@ def test_bounds_below_the_limit_leave_it_as_it_is():
     assert len(both.left_out) == COUNT  # no error is known where the limit is not
 
 
+def test_the_error_of_few_ends_stays_theirs_where_a_cause_did_not_move_in_them():
+    """As where one study lies: paper is nearly as thick in all curves that end."""
+    generator = np.random.default_rng(3)
+    near, thickness = PLACES[:12].copy(), AT["paper_thickness"] - 1
+    near[:, thickness] = 0.117 + 0.002 * generator.standard_normal(12)
+    found = fit_limit(reaches_of(near, 0.02 * generator.standard_normal(12)), family=NEAR.limit)
+    stated = fitted(found, FRESH)[1]
+    assert len(found.left_out) == 12
+    assert np.all(stated <= 2.0 * np.abs(found.left_out).max())
+
+
 def test_three_ends_count_among_many_curves_that_stop_far_below():
     """As of one study: its stiff materials are asked for loads far below where they balloon."""
     ground = fit_limit(reaches_of(PLACES)).terms.output(0)
