@@ -335,7 +335,8 @@ MESHES: Mapping[ActuatorKind, tuple[Resolution, Resolution]] = {
 
 
 AT_THE_POSTERIOR = 16
-"""Fine curves with which the training of a pneunet's emulator for one study ends, or begins to end."""
+"""Fine curves with which the training of a pneunet's emulator for one study ends; more follow while
+they are too few."""
 
 
 def local_recipe(dimensions: Mould) -> Recipe:

@@ -97,9 +97,10 @@ class Reach:
 def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Reach:
     """Return the load up to which a curve is smooth enough to emulate.
 
-    Where d ln κ / d ln q passes ``steepest`` from below, or shortly before a limit point; of a curve
-    whose end was not found, the last load that was solved is a bound. That it is large at first, or
-    that there is none, says that a curve begins with hardly any bending, or with some the other way.
+    Where d ln κ / d ln q passes ``steepest`` from below, or shortly before a limit point; of a
+    curve whose end was not found, the last load that was solved is a bound. That it is large at
+    first, or that there is none, says that a curve begins with hardly any bending, or with some the
+    other way.
     """
     place = Place.of(curve.material)
     q = samples.loads / place.modulus
