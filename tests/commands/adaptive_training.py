@@ -45,6 +45,7 @@ def train(study, folder):
     os.chdir(folder)
     training.LOCAL = recipe
     training.TARGET_PCT = training.REFINABLE_PCT = 0.0  # never good: all rounds are worked
+    training.LAST_ROUNDS = 1  # the next would be the same once more
     asked = asked_of(study, study.settings.seed)
     first = local_design(asked, recipe(geometry_of_study(study.settings).dimensions))
     training.train_where_asked(study, first, None, MANNER)
