@@ -109,6 +109,8 @@ def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Rea
         return Reach(groups, 0.0, open=False)
     steep = _growth(samples)
     over = ~(steep < steepest)
+    if over.all() and not steep[-1] >= steep[0]:  # falling, or unknown at first
+        over[:] = False
     begun = 0 if over.all() else int(np.argmin(over))
     if over[begun:].any():
         k = begun + int(np.argmax(over[begun:]))
