@@ -308,10 +308,12 @@ def combined(
     along, pressures, forces, volumes = (part.reshape(len(adjoints), -1) for part in parts)
     work = along @ forces.T + pressures @ volumes.T
     wanted = along @ gradients.reshape(len(adjoints), -1).T
-    # at rest some readings do not change, and their adjoints are zero
-    size = 1.0 / np.sqrt(np.maximum(np.diag(work), SMALLEST))
-    missing = size[:, None] * (wanted - work)
-    change = size[:, None] * np.linalg.lstsq(work * np.outer(size, size), missing, rcond=ALIKE)[0]
+    # no energy: at rest some adjoints are zero; or less, next to a limit point
+    energy = np.diag(work)
+    scale = np.where(energy > 0.0, 1.0 / np.sqrt(np.where(energy > 0.0, energy, 1.0)), 0.0)
+    missing = scale[:, None] * (wanted - work)
+    scaled = work * np.outer(scale, scale)
+    change = scale[:, None] * np.linalg.lstsq(scaled, missing, rcond=ALIKE)[0]
     fields, inner, pushed, swollen = (p + np.tensordot(change.T, p, axes=1) for p in parts)
     states = [MechanicalState(u, p, 0.0) for u, p in zip(fields, inner, strict=True)]
     return states, list(zip(pushed, swollen, strict=True))

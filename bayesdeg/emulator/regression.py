@@ -109,9 +109,9 @@ def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Rea
         return Reach(groups, 0.0, open=False)
     steep = _growth(samples)
     over = ~(steep < steepest)
-    if over.all() and not steep[-1] >= steep[0]:  # falling, or unknown at first
-        over[:] = False
-    begun = 0 if over.all() else int(np.argmin(over))
+    if over.all() and (np.isnan(steep[0]) or steep[-1] < steep[0]):
+        over[:] = False  # still at its beginning
+    begun = int(np.argmin(over))
     if over[begun:].any():
         k = begun + int(np.argmax(over[begun:]))
         crossing = q[max(k, 1)]

@@ -188,6 +188,13 @@ def test_a_curve_that_hardly_bends_at_first_or_the_other_way_does_not_end_there(
     assert far.load == LOADS[-1]
 
 
+def test_a_curve_that_is_steep_and_then_falls_ends_at_its_first_load():
+    slope = np.where(Q < 0.15, 50.0, -1.0)
+    far = reach(CURVE, path(1.0 - Q, slope))
+    assert not far.open
+    assert far.load == LOADS[0]
+
+
 def test_a_curve_that_falls_is_emulated_to_where_it_does():
     kappa, slope = Q.copy(), np.ones(5)
     kappa[3:], slope[3:] = [0.2, 0.1], -1.0
