@@ -48,7 +48,7 @@ USUAL: Mapping[str, Mapping[str, float]] = {
     "degradation_misread": {"shift": 3.0, "scatter": 0.5},
     "degraded_skin": {"skin_stiffening": 0.8},
     "film_mismatch": {"log_ratio": 0.15},
-    "paper_softening": {"softening": 1.3},
+    "paper_softening": {"softening": 1.3, "growth": 1.0},
     "second_invariant": {"ratio": 0.4},
     "delamination": {"looseness": 1.0},
     "initial_curvature": {"mismatch": 0.017},

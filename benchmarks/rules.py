@@ -274,7 +274,7 @@ def detachments(parts: list[Part]) -> dict[str, object]:
     found = {where: compared(one, rule, {"looseness": 0.5}) for where, one in curves.items()}
     softened = by_paper("paper_softening", degraded)
     first = next(iter(OFF))
-    alike = compared(curves[first], softened, {"softening": 1.0})
+    alike = compared(curves[first], softened, {"softening": 1.0, "growth": 2.0})
     return {**found, f"paper_softening to {first}": alike}
 
 

@@ -74,6 +74,8 @@ class PathRecord:
         Loads to be recorded; by default all.
     enough : float
         Relative correction of an adjoint at which it is taken for settled.
+    is_smooth : bool
+        Whether derivatives of quantiles are smooth, as of `outputs.read_with_gradients`.
     """
 
     def __init__(
@@ -85,9 +87,11 @@ class PathRecord:
         shapes: Sequence[Variation | None],
         wanted: frozenset[float] | None,
         enough: float,
+        is_smooth: bool,
     ) -> None:
         self._mesh, self._problem, self._solver = mesh, problem, solver
         self._shapes, self._wanted, self._enough = shapes, wanted, enough
+        self._is_smooth = is_smooth
         self._angle = 0.0
         self.loads, self.readings = list[float](), list[Floats]()
         self.gradients = list[Floats]()
@@ -97,7 +101,9 @@ class PathRecord:
         wanted = self._wanted is None or step.state.load in self._wanted
         if step.factors is None or step.rate is None or not wanted:
             return
-        values, gradients = read_with_gradients(self._mesh, step.state, previous_angle=self._angle)
+        values, gradients = read_with_gradients(
+            self._mesh, step.state, previous_angle=self._angle, is_smooth=self._is_smooth
+        )
         self._angle = float(values[0])
         self.loads.append(step.state.load)
         self.readings.append(values)
@@ -387,8 +393,9 @@ class Actuator:
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
-        With all derivatives a curve costs less than twice as much as without. Of a held tip the
-        force alone is read, as by `tip_forces`.
+        With all derivatives a curve costs less than twice as much as without. They are to be
+        learned from, so those of quantiles are smooth: exact ones jump from load to load. Of a held
+        tip the force alone is read, as by `tip_forces`.
 
         Raises
         ------
@@ -428,7 +435,13 @@ class Actuator:
         if self.held:
             return ForceRecord(mesh, problem, self._opened(), shapes=shapes, enough=enough)
         return PathRecord(
-            mesh, problem, self._opened(), shapes=shapes, wanted=wanted, enough=enough
+            mesh,
+            problem,
+            self._opened(),
+            shapes=shapes,
+            wanted=wanted,
+            enough=enough,
+            is_smooth=wanted is None,
         )
 
     def _opened(self) -> Factorization:

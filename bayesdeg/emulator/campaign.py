@@ -49,6 +49,7 @@ from bayesdeg.emulator.kept import (
 )
 from bayesdeg.emulator.local import LocalDesign, counted_in
 from bayesdeg.emulator.regression import (
+    DERIVATIVE_WEIGHT,
     STEEPEST,
     Equations,
     Observed,
@@ -323,7 +324,7 @@ def _errors(points: Floats, left_out: Floats) -> Terms:
 
 
 ANGLES = (0, 1)  # curvature and bend angle: smooth, fitted with their derivatives
-STRETCH = (2,)  # a quantile over points, whose derivatives jump: fitted by its values
+STRETCH = (2,)  # a quantile over points, wavy: over a wide range it is fitted by its values
 
 
 @dataclass(frozen=True)
@@ -340,6 +341,8 @@ class FitPlan:
         Terms on the coarse mesh, and of the fine mesh's deviation from it.
     prior, correction_prior : Prior
         How fast their coefficients fall.
+    weight : float
+        Of a derivative over half of its group's range, against a value.
     """
 
     outputs: tuple[int, ...]
@@ -348,6 +351,7 @@ class FitPlan:
     correction: Family
     prior: Prior
     correction_prior: Prior
+    weight: float = DERIVATIVE_WEIGHT
 
 
 POWERS = (3, 3, 1, 4, 2, 1, 2, 4, 4)
@@ -865,7 +869,14 @@ def _train(
 
 
 def _rows(run: Observed, orders: Indices, plan: FitPlan, span: TrainingRange) -> Equations:
-    return rows_of(run, orders, outputs=list(plan.outputs), span=span, derivatives=plan.derivatives)
+    return rows_of(
+        run,
+        orders,
+        outputs=list(plan.outputs),
+        span=span,
+        derivatives=plan.derivatives,
+        weight=plan.weight,
+    )
 
 
 def gap_of(

@@ -70,10 +70,13 @@ Floats = NDArray[np.float64]
 
 ONCE = (1, 1, 1, 1, 1, 1, 1, 1, 1)
 _WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
+QUANTILE_WEIGHT = 0.05  # of derivatives: with 0.2 the values are met half as well
 _PRIOR = Prior(0.8, 0.6, 0.6, 5e-2)
 _ANGLES = FitPlan(ANGLES, True, _WAVY, _WAVY, _PRIOR, _PRIOR)
-_STEADY = Family((10, 2, 2, 2), (2, 1, 1, 1), ONCE)
-_STRETCH = replace(_ANGLES, outputs=STRETCH, derivatives=False, family=_STEADY)
+# derivatives of quantiles are smoothed over points, and say less than those of angles
+_STRETCH = replace(
+    _ANGLES, outputs=STRETCH, prior=replace(_PRIOR, noise=2e-2), weight=QUANTILE_WEIGHT
+)
 REFINING = (
     _ANGLES,
     _STRETCH,
@@ -81,8 +84,7 @@ REFINING = (
     replace(_STRETCH, outputs=EQUIVALENT),
 )
 """Terms of the corrections: what is left of a map that was fitted already is wavy, and its waves
-are small. Quantiles, whose derivatives jump, are known by few values, so theirs are fewer but along
-the load."""
+are small."""
 ENDS = Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (0,))
 """Terms of the correction of where curves end."""
 SHIFT = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (0,))

@@ -34,6 +34,7 @@ LIMIT_MARGIN = 0.97  # share of a limit load up to which a curve is emulated
 STEEPEST = 2.75  # where d ln κ / d ln p is larger a pneunet is about to balloon
 FLOOR = 0.15  # smallest weight of a reading, over that of the curve's largest
 COUNTED = [0, 1, -1]  # outputs that are counted from rest: curvature, bend angle, volume
+QUANTILES = [2, -3, -2]  # at rest all stretches are alike: how one begins to grow is not known
 _VOLUME = OUTPUTS.index("cavity_volume")
 
 
@@ -54,7 +55,7 @@ class Observed:
     weights : array, shape (n,)
         Curvature over the curve's largest, at least ``FLOOR``.
     first : array, shape (10,)
-        y at zero load, from the first slope; nan if it is not known.
+        y at zero load, from the first slope; nan if it is not known, as of quantiles.
     tight : bool
         Whether the paper is without slack: derivatives by slack are then of no use.
     """
@@ -167,6 +168,7 @@ def observe(
     by_groups[:, strained] -= (_offset_gradient(place) / denominators[:, 2, None])[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
         first = np.log(slopes[0, :, 0] * place.modulus)
+    first[QUANTILES] = np.nan
     if rest[0] != 0.0:
         first[strained] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -331,15 +333,19 @@ def rows_of(
     outputs: Sequence[int],
     span: TrainingRange,
     derivatives: bool = True,
+    weight: float = DERIVATIVE_WEIGHT,
 ) -> Equations:
-    """Return the equations of a run for some outputs, of their values and derivatives."""
+    """Return the equations of a run for some outputs, of their values and derivatives.
+
+    ``weight`` is that of a derivative over half of its group's range, against a value.
+    """
     place, w = run.coordinates, run.weights[:, None]
     values = features(orders, place.points)
     matrix = [w * values]
     targets = [w * (run.values[:, outputs] - place.warp[:, None])]
     if derivatives:
         slopes = feature_gradients(orders, place.points)
-        sizes = DERIVATIVE_WEIGHT * half_ranges(span)
+        sizes = weight * half_ranges(span)
         finite = np.all(np.isfinite(run.gradients[:, outputs]), axis=(0, 1))
         for k in np.flatnonzero(run.known & finite):
             along = np.einsum("npt,np->nt", slopes, place.jacobian[:, :, k])

@@ -21,6 +21,7 @@ from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.outputs import (
+    OUTPUTS,
     PEAK_SHARE,
     Stretches,
     equivalent_stretches,
@@ -31,6 +32,7 @@ from bayesdeg.actuator.outputs import (
     read_with_gradients,
     volume_quantile,
     weibull_strain,
+    window_points,
 )
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.material.hyperelastic import Yeoh
@@ -42,6 +44,7 @@ from bayesdeg.material.strength import (
 
 COARSEST = Resolution(9.0, 9.0, 9.0)
 ONE_CHAMBER = Geometry(Dimensions(length=14.0, chambers=1))
+TWO_CHAMBERS, FINE_ENOUGH = Geometry(Dimensions(length=20.0, chambers=2)), Resolution(2.5, 2.5, 2.5)
 MATERIAL = MaterialGroups(c2_ratio=-0.05, c3_ratio=0.05, paper_group=30.0, paper_thickness=0.12)
 LOADS = (0.1, 0.3, 0.6)
 STEP = 1e-6
@@ -186,6 +189,55 @@ def test_a_quantile_of_the_most_stretched_is_that_of_all_in_order(points, share)
     middle = np.cumsum(weights[order]) - 0.5 * weights[order]
     expected = np.interp(share * weights.sum(), middle, stretch[order])
     assert volume_quantile(stretch, weights, share) == pytest.approx(expected, rel=1e-9)
+
+
+def test_smooth_derivatives_of_quantiles_are_nearer_to_slopes_between_loads():
+    """Along a path, over four steps of it: of two points they say which two the quantile lies between."""
+    actuator = Actuator(build_mesh(TWO_CHAMBERS, FINE_ENOUGH))
+    loads = tuple(np.linspace(0.02, 0.6, 30))
+    mesh, problem = actuator.problem(Curve(loads, MATERIAL))
+    factorization = open_factorization(problem.system.upper)
+    try:
+        points = follow(problem, factorization, loads=loads).points
+    finally:
+        factorization.close()
+    columns = [k for k, name in enumerate(OUTPUTS) if name.startswith("peak")]
+    at = np.array([point.state.load for point in points])
+    errors = []
+    for is_smooth in (False, True):
+        read = [read_with_gradients(mesh, p.state, is_smooth=is_smooth) for p in points]
+        values = np.array([value[columns] for value, _ in read])
+        rates = np.array(
+            [
+                np.einsum("kni,ni->k", gradient[columns], point.rate.displacement)
+                for (_, gradient), point in zip(read, points, strict=True)
+            ]
+        )
+        slopes = (values[4:] - values[:-4]) / (at[4:] - at[:-4])[:, None]
+        errors.append(np.sqrt(np.mean((rates[2:-2] / slopes - 1.0) ** 2, axis=0)))
+    print("exact and smooth:", np.round(errors, 4))
+    assert np.all(errors[1] < 0.75 * errors[0])
+
+
+def test_of_few_points_or_at_rest_no_derivative_is_smoothed():
+    assert window_points(np.linspace(1.0, 2.0, 100), np.ones(100), 0.99) is None
+    assert window_points(np.ones(10_000), np.ones(10_000), 0.99) is None
+    assert window_points(np.full(10_000, np.nan), np.ones(10_000), 0.99) is None
+
+
+@given(st.integers(0, 1000))
+def test_what_goes_with_the_logarithm_of_the_volume_beyond_is_met_exactly(seed):
+    """A parabola over it: the parts give its value at the quantile."""
+    generator = np.random.default_rng(seed)
+    volumes = generator.uniform(0.5, 1.5, 5000)
+    stretch = np.sort(generator.uniform(1.0, 2.0, 5000))
+    beyond = (np.cumsum(volumes[::-1])[::-1] - 0.5 * volumes) / volumes.sum()
+    shape = np.polynomial.Polynomial(generator.normal(size=3))
+    found = window_points(stretch, volumes, PEAK_SHARE)
+    assert found is not None
+    places, parts = found
+    met = parts @ shape(np.log(beyond[places]))
+    assert met == pytest.approx(shape(np.log(1.0 - PEAK_SHARE)), rel=1e-6, abs=1e-6)
 
 
 def test_a_quantile_of_what_is_not_known_is_not_known():

@@ -127,11 +127,12 @@ def test_eroded_walls_bend_more():
 
 def test_softer_paper_bends_the_slotted_actuator_more():
     """Bend angle too: it is not that the bottom line gets shorter."""
-    _, degraded = changed("paper_softening", softening=2.1)
+    _, degraded = changed("paper_softening", softening=2.1, growth=1.0)
     assert np.all((degraded > 8.5) & (degraded < 11.5))
     assert np.all(np.diff(degraded) < 0.0)
     inputs, conditions = inputs_of(), conditions_of()
-    softer = find("paper_softening").on_inputs(inputs, conditions, effect(softening=2.1))
+    softening = effect(softening=2.1, growth=1.0)
+    softer = find("paper_softening").on_inputs(inputs, conditions, softening)
     before, after = (surrogate()(i).bend_angle[0, -1] for i in (inputs, softer))
     assert np.all(after > before)
 

@@ -104,9 +104,16 @@ def test_a_body_is_softer_in_a_warmer_room_and_its_paper_not():
 
 def test_paper_keeps_a_share_that_halves_with_every_step():
     """exp(−a D/25 %) with a = 5 ln 2: half for each 5 % of degradation."""
-    softened = soften_paper(INPUTS, CONDITIONS, effect(softening=5.0 * np.log(2.0)))
+    softened = soften_paper(INPUTS, CONDITIONS, effect(softening=5.0 * np.log(2.0), growth=1.0))
     want = [30000.0, 15000.0, 7500.0, 3750.0, 1875.0, 937.5]
     np.testing.assert_allclose(softened.paper_stiffness[0, :, 0], want, rtol=1e-13)
+
+
+def test_paper_may_soften_later_than_the_gel_degrades():
+    """exp(−a (D/25 %)²) with a = 25 ln 2: halved 1, 4, 9, 16 and 25 times."""
+    softened = soften_paper(INPUTS, CONDITIONS, effect(softening=25.0 * np.log(2.0), growth=2.0))
+    want = 3e4 * 0.5 ** np.array([0.0, 1.0, 4.0, 9.0, 16.0, 25.0])
+    np.testing.assert_allclose(softened.paper_stiffness[0, :, 0], want, rtol=1e-12)
 
 
 def test_paper_that_comes_off_is_in_series_with_a_compliance():
@@ -127,7 +134,8 @@ def test_paper_that_comes_off_is_in_series_with_a_compliance():
     ],
 )
 def test_what_degradation_does_leaves_fresh_specimens(apply, parameter, field):
-    changed = getattr(apply(INPUTS, CONDITIONS, effect(**{parameter: 0.2})), field)[0, :, 0]
+    size = effect(**{parameter: 0.2, "growth": 1.0})
+    changed = getattr(apply(INPUTS, CONDITIONS, size), field)[0, :, 0]
     rest = 3e4 if field == "paper_stiffness" else 0.0
     assert changed[0] == rest
     assert np.all(np.diff(np.abs(changed - rest)) > 0.0)
