@@ -192,7 +192,7 @@ def test_a_quantile_of_the_most_stretched_is_that_of_all_in_order(points, share)
 
 
 def test_smooth_derivatives_of_quantiles_are_nearer_to_slopes_between_loads():
-    """Along a path, over four steps of it: of two points they say which two the quantile lies between."""
+    """Along a path, over four steps of it; exact ones are those of two points alone."""
     actuator = Actuator(build_mesh(TWO_CHAMBERS, FINE_ENOUGH))
     loads = tuple(np.linspace(0.02, 0.6, 30))
     mesh, problem = actuator.problem(Curve(loads, MATERIAL))
