@@ -44,8 +44,8 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.emulation import asked_of
+from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
@@ -94,7 +94,7 @@ class Draws:
 
 def sampled(study: Study, emulator: Surrogate, seed: int) -> Draws:
     """Return draws by importance sampling, as the pipeline does."""
-    base, cause = assemble(study, emulator).model, find(CAUSE)
+    base, cause = assemble_within_reach(study, emulator).model, find(CAUSE)
     model, generator = base.extended(cause), np.random.default_rng(seed)
     start = with_neutral(approximate(base, generator).mode, base, model)
     rough = evidence(model, approximate(model, generator, start=start), generator, draws=PROPOSALS)
