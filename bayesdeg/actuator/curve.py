@@ -385,7 +385,9 @@ class Actuator:
         except (GeometryError, ValueError):
             return _empty(Status.INVALID_INPUT), _stacked([])
         with self._lock:
-            record = self._recorder(problem, mesh, frozenset(curve.loads), exact.rate_tolerance)
+            record = self._recorder(
+                problem, mesh, enough=exact.rate_tolerance, wanted=frozenset(curve.loads)
+            )
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=exact, visit=record.visit)
         return _read_path(mesh, path, solver.name), _stacked(record.gradients)
@@ -394,8 +396,9 @@ class Actuator:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
         With all derivatives a curve costs less than twice as much as without. They are to be
-        learned from, so those of quantiles are smooth: exact ones jump from load to load. Of a held
-        tip the force alone is read, as by `tip_forces`.
+        learned from, so those of quantiles are smooth: exact ones jump from load to load. Of
+        those by the shape what the body's motion does is smooth, and what the moved mesh itself
+        does is not. Of a held tip the force alone is read, as by `tip_forces`.
 
         Raises
         ------
@@ -409,7 +412,7 @@ class Actuator:
         except (GeometryError, ValueError):
             return _no_samples(Status.INVALID_INPUT, outputs)
         with self._lock:
-            record = self._recorder(problem, mesh, None, 1e-4)
+            record = self._recorder(problem, mesh, enough=1e-4, is_smooth=True)
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort, visit=record.visit)
         return PathSamples(
@@ -429,7 +432,13 @@ class Actuator:
             )
 
     def _recorder(
-        self, problem: Problem, mesh: ActuatorMesh, wanted: frozenset[float] | None, enough: float
+        self,
+        problem: Problem,
+        mesh: ActuatorMesh,
+        *,
+        enough: float,
+        wanted: frozenset[float] | None = None,
+        is_smooth: bool = False,
     ) -> PathRecord | ForceRecord:
         shapes = variations(self.mesh, self.system, problem.material, problem.layer)
         if self.held:
@@ -441,7 +450,7 @@ class Actuator:
             shapes=shapes,
             wanted=wanted,
             enough=enough,
-            is_smooth=wanted is None,
+            is_smooth=is_smooth,
         )
 
     def _opened(self) -> Factorization:

@@ -291,13 +291,19 @@ _ALIKE = 1e-9  # stretches that differ less are those of a body at rest
 def window_points(
     stretch: Floats, weights: Floats, share: float
 ) -> tuple[NDArray[np.int64], Floats] | None:
-    """Return the points by which a quantile's derivative is smooth, and the part of each.
+    r"""Return the points by which a quantile's derivative is smooth, and the part of each.
 
-    The derivative of a quantile of a smooth field is the mean of the field's own where it has that
-    value. Of two quadrature points it jumps, whenever others come next to the quantile. So a
-    parabola is fitted to the derivatives of all points beyond which there are between half and
-    twice as much of the volume, over the logarithm of that volume; what it gives at the quantile
-    is a sum over the points, whose parts do not depend on the derivatives.
+    The derivative of the quantile q of a smooth field λ is the mean of the field's own where it has
+    that value, :math:`\partial q = E[\partial \lambda \mid \lambda = q]`. Of two quadrature points
+    it jumps whenever others come next to the quantile. So a parabola is fitted by least squares to
+    the derivatives of the points near by; what it gives at the quantile is a sum over them,
+
+    .. math:: \partial q \approx \sum_i c_i \, \partial \lambda_i, \quad
+        c = e_1^T (X^T W X)^{-1} X^T W, \quad x_i = (1, u_i, u_i^2), \quad
+        u_i = \ln \frac{v_i}{1 - s} / \ln 2, \quad w_i = V_i (1 - u_i^2), \ |u_i| < 1,
+
+    with :math:`v_i` the share of the volume beyond a point, :math:`V_i` its own volume and s the
+    quantile's share: those beyond which there is between half and twice as much as beyond q.
 
     Parameters
     ----------
