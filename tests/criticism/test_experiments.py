@@ -280,14 +280,15 @@ def test_walls_read_what_erosion_and_thickness_leave(model):
 
 
 def test_a_strip_of_the_paper_tells_softer_paper_from_thinner_walls(model, experiments):
-    softer = around(model, {"paper_softening.softening": 1.0})
+    softer = around(model, {"paper_softening.softening": 1.0, "paper_softening.growth": 2.0})
     thinner = around(model, {"erosion.lost_share": 0.1}, seed=1)
     strips = of_kind(experiments, "strip of the paper")
     [degraded] = [e for e in strips if e.plan.levels != (0.0,)]
     assert expected_of((softer, thinner), degraded) > LEAST
     drawn = softer.model.table.named(softer.draws[:1])
     level = degraded.measurement.degradation
-    by_hand = np.log(TRUTH["paper_stiffness"]) - drawn["paper_softening.softening"] * level / 25.0
+    softened = drawn["paper_softening.softening"] * (level / 25.0) ** 2.0
+    by_hand = np.log(TRUTH["paper_stiffness"]) - softened
     found = degraded.measurement.expected(softer.model, drawn)
     assert found == pytest.approx(by_hand[None], abs=0.1)
 
