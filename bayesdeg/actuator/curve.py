@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import Lock
 
@@ -269,6 +269,9 @@ class PathSamples:
         Their derivatives by ``sensitivity.INPUTS``.
     status, limit_load, iterations, solver
         As in ``CurveSolution``.
+    between : array, shape (m, n_outputs)
+        Readings at the first of the curve's own loads, as many as were reached, interpolated
+        between the equilibria; none of a held tip.
     """
 
     loads: Floats
@@ -278,6 +281,7 @@ class PathSamples:
     limit_load: float
     iterations: int
     solver: str
+    between: Floats = field(default_factory=lambda: np.empty((0, len(OUTPUTS))))
 
 
 class Actuator:
@@ -395,10 +399,11 @@ class Actuator:
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives where the path stopped.
 
-        With all derivatives a curve costs less than twice as much as without. They are to be
-        learned from, so those of quantiles are smooth: exact ones jump from load to load. Of
-        those by the shape what the body's motion does is smooth, and what the moved mesh itself
-        does is not. Of a held tip the force alone is read, as by `tip_forces`.
+        Between these, at the curve's loads, there are readings without derivatives. With all
+        derivatives a curve costs less than twice as much as without. They are to be learned from,
+        so those of quantiles are smooth: exact ones jump from load to load. Of those by the shape
+        what the body's motion does is smooth, and what the moved mesh itself does is not. Of a held
+        tip the force alone is read, as by `tip_forces`.
 
         Raises
         ------
@@ -423,6 +428,7 @@ class Actuator:
             path.limit_load,
             path.iterations,
             solver.name,
+            np.empty((0, outputs)) if self.held else _read_values(mesh, path),
         )
 
     def _need_kernels(self) -> None:
@@ -519,7 +525,17 @@ def _stacked(gradients: Sequence[Floats], outputs: int = len(OUTPUTS)) -> Floats
 
 def _no_samples(status: Status, outputs: int) -> PathSamples:
     none = np.empty((0, outputs))
-    return PathSamples(np.empty(0), none, _stacked([], outputs), status, 0.0, 0, "")
+    return PathSamples(np.empty(0), none, _stacked([], outputs), status, 0.0, 0, "", none)
+
+
+def _read_values(mesh: ActuatorMesh, path: Path) -> Floats:
+    """Return the readings at the loads asked for that were reached, without their rates."""
+    angle, readings = 0.0, list[Floats]()
+    for point in path.points:
+        reading = read_state(mesh, point.state, previous_angle=angle)
+        angle = reading.bend_angle
+        readings.append(reading.values)
+    return np.array(readings).reshape(-1, len(OUTPUTS))
 
 
 def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:

@@ -343,6 +343,8 @@ class FitPlan:
         How fast their coefficients fall.
     weight : float
         Of a derivative over half of its group's range, against a value.
+    between : bool
+        Whether what is read between the equilibria is used.
     """
 
     outputs: tuple[int, ...]
@@ -352,6 +354,7 @@ class FitPlan:
     prior: Prior
     correction_prior: Prior
     weight: float = DERIVATIVE_WEIGHT
+    between: bool = False
 
 
 POWERS = (3, 3, 1, 4, 2, 1, 2, 4, 4)
@@ -504,15 +507,17 @@ def learned(
     span: TrainingRange,
     length: float,
     steepest: float,
+    *,
+    between: bool = False,
 ) -> dict[Curve, Observed]:
-    """Return what the runs of a mesh say, those that say anything.
+    """Return what the runs of a mesh say, those that say anything; see `regression.observe`.
 
     Raises
     ------
     BayesdegError
         If none does.
     """
-    found = _observed(*runs, span=span, length=length, steepest=steepest)
+    found = _observed(*runs, span=span, length=length, steepest=steepest, between=between)
     if not found:
         raise BayesdegError(
             "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
@@ -807,10 +812,11 @@ def _observed(
     span: TrainingRange,
     length: float,
     steepest: float,
+    between: bool = False,
 ) -> dict[Curve, Observed]:
     """Return what each run says, without those that say nothing."""
     found = {
-        curve: observe(curve, solved, span=span, length=length, steepest=steepest)
+        curve: observe(curve, solved, span=span, length=length, steepest=steepest, between=between)
         for curve, solved in zip(curves, samples, strict=True)
         if is_answered(curve, span)
     }

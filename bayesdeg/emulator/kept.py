@@ -308,7 +308,7 @@ def search(
     return EmulatorSearch(None, path, tuple(reasons))
 
 
-FIT_VERSION = "3"  # raised where curves give another emulator than before: then it is fitted anew
+FIT_VERSION = "4"  # raised where curves give another emulator than before: then it is fitted anew
 COARSE_RUNS, FINE_RUNS = 24, 4
 """Curves of an emulator that is trained where one study lies, on either mesh."""
 DEPARTING, DEPARTING_FINE = 12, 1

@@ -73,9 +73,20 @@ _WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
 QUANTILE_WEIGHT = 0.02  # of derivatives: more helps one actuator in three and harms two
 _PRIOR = Prior(0.8, 0.6, 0.6, 5e-2)
 _ANGLES = FitPlan(ANGLES, True, _WAVY, _WAVY, _PRIOR, _PRIOR)
-# derivatives of quantiles are smoothed over points, and say less than those of angles
-_STRETCH = replace(
-    _ANGLES, outputs=STRETCH, prior=replace(_PRIOR, noise=2e-2), weight=QUANTILE_WEIGHT
+# where the places of the largest stretches change, quantiles have kinks, narrower than the steps of
+# a path: they need what is read between these, and waves as short. Their derivatives are smoothed
+# over points, and say less than those of angles
+_KINKED = Family((28, 5, 5, 4), (4, 2, 2, 2), ONCE)
+_SLOWLY_FALLING = Prior(0.9, 0.6, 0.6, 2e-2)
+_STRETCH = FitPlan(
+    STRETCH,
+    True,
+    _KINKED,
+    _KINKED,
+    _SLOWLY_FALLING,
+    _SLOWLY_FALLING,
+    weight=QUANTILE_WEIGHT,
+    between=True,
 )
 REFINING = (
     _ANGLES,
@@ -145,14 +156,19 @@ def refine(
     """
     with threadpool_limits(1):  # sums of several threads depend on their number
         solved = counted(curves, samples, ground.units)
-        runs = learned(solved, ground.span, ground.length, steepest)
-        if len(runs) < FEWEST:
+        at_steps, all_along = (
+            list(learned(solved, ground.span, ground.length, steepest, between=between).values())
+            for between in (False, True)
+        )
+        if (count := len(at_steps)) < FEWEST:
             raise TooFewCurvesError(
-                f"{len(runs)} curves say anything where the posterior lies, too few to refine by"
+                f"{count} curves say anything where the posterior lies, too few to refine by"
             )
         elsewhere = _points_of(asked.in_units(ground.units))
-        known = list(runs.values())
-        fitted = [_Correction.of(ground, known, elsewhere, plan) for plan in REFINING]
+        fitted = [
+            _Correction.of(ground, all_along if plan.between else at_steps, elsewhere, plan)
+            for plan in REFINING
+        ]
         error, strain_error = _error_terms(ground, fitted, elsewhere)
         rest = replace(
             ground,
@@ -165,8 +181,7 @@ def refine(
         return Refinement(
             whole,
             tuple(
-                _corrected(rest, [(part, part.without[k]) for part in fitted])
-                for k in range(len(known))
+                _corrected(rest, [(part, part.without[k]) for part in fitted]) for k in range(count)
             ),
         )
 
@@ -327,12 +342,12 @@ def _error_terms(
     there is that of the correction. Nine tenths of the errors at curves left out lie within the
     90 % interval.
     """
-    near = fitted[0].points
-    points = np.vstack([near, far])
-    matrix = features(FAMILY.orders, points)
-    weights = np.repeat([1.0 / len(near), 1.0 / len(far)], [len(near), len(far)])
     parts: dict[int, Terms] = {}
     for part in fitted:
+        near = part.points
+        points = np.vstack([near, far])
+        matrix = features(FAMILY.orders, points)
+        weights = np.repeat([1.0 / len(near), 1.0 / len(far)], [len(near), len(far)])
         unit = np.concatenate([*part.unit_errors, part.unit_error(far)])
         left = np.minimum(unit / part.prior_error(points), 1.0)
         corrections = np.maximum(part.scale * unit[:, None], SMALLEST).T

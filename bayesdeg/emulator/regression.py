@@ -11,7 +11,7 @@ strains at rest; and, with y = ln(ΔV/(L³ q)), for the volume of the half model
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,13 +45,13 @@ class Observed:
     Parameters
     ----------
     coordinates : Coordinates
-        Of each equilibrium.
+        Of each reading.
     load : array, shape (n,)
         p/M [–].
     values : array, shape (n, 10)
         y of curvature, bend angle, peak strain, the strains of ``MEASURES`` and the volume.
     gradients : array, shape (n, 10, 13)
-        Their derivatives by load and groups.
+        Their derivatives by load and groups; nan between the equilibria.
     weights : array, shape (n,)
         Curvature over the curve's largest, at least ``FLOOR``.
     first : array, shape (10,)
@@ -74,6 +74,12 @@ class Observed:
         use = np.ones(len(NAMES), dtype=bool)
         use[at.SLACK] = not self.tight
         return use
+
+    @property
+    def solved(self) -> Flags:
+        """Which readings are those of equilibria, with derivatives, (n,)."""
+        there: Flags = np.isfinite(self.gradients).any(axis=(1, 2))
+        return there
 
 
 @dataclass(frozen=True)
@@ -144,16 +150,23 @@ def observe(
     span: TrainingRange,
     length: float,
     steepest: float = STEEPEST,
+    between: bool = False,
 ) -> Observed | None:
-    """Return what a run says within its reach; None if that is less than two equilibria."""
+    """Return what a run says within its reach; None if that is less than two equilibria.
+
+    With ``between`` it says what is read between the equilibria too, without derivatives there.
+    """
     if len(samples.loads) < 3:
         return None
     limit, place = reach(curve, samples, steepest).load, Place.of(curve.material)
+    solved, bends = samples.loads, np.concatenate([[True], np.isfinite(_growth(samples))])
+    if between:
+        samples = _with_readings_between(curve, samples)
     q = samples.loads[1:] / place.modulus
     groups = np.column_stack([q, np.tile(place.values, (len(q), 1))])
     points = coordinates(groups)
     keep = (q <= limit * (1.0 + 1e-9)) & (points.points[:, 0] <= 1.0 + 1e-9)
-    keep &= np.isfinite(_growth(samples))
+    keep &= np.interp(samples.loads[1:], solved, bends) == 1.0  # it does at both ends of a step
     if np.count_nonzero(keep) < 2:
         return None
     quantities, slopes = _quantities(samples, length)
@@ -182,6 +195,20 @@ def observe(
         weights,
         first,
         tight=curve.material.paper_slack == 0.0,
+    )
+
+
+def _with_readings_between(curve: Curve, samples: PathSamples) -> PathSamples:
+    """Return equilibria and what is read between them in the order of loads."""
+    loads = np.array(curve.loads[: len(samples.between)])
+    new = ~np.isin(loads, samples.loads) & (loads < samples.loads[-1])
+    missing = np.full((int(new.sum()), *samples.gradients.shape[1:]), np.nan)
+    order = np.argsort(whole := np.concatenate([samples.loads, loads[new]]), kind="stable")
+    return replace(
+        samples,
+        loads=whole[order],
+        readings=np.concatenate([samples.readings, samples.between[new]])[order],
+        gradients=np.concatenate([samples.gradients, missing])[order],
     )
 
 
@@ -344,14 +371,15 @@ def rows_of(
     matrix = [w * values]
     targets = [w * (run.values[:, outputs] - place.warp[:, None])]
     if derivatives:
-        slopes = feature_gradients(orders, place.points)
-        sizes = weight * half_ranges(span)
-        finite = np.all(np.isfinite(run.gradients[:, outputs]), axis=(0, 1))
+        here = run.solved
+        slopes = feature_gradients(orders, place.points[here])
+        sizes, by_groups = weight * half_ranges(span), run.gradients[here][:, outputs]
+        finite = np.all(np.isfinite(by_groups), axis=(0, 1))
         for k in np.flatnonzero(run.known & finite):
-            along = np.einsum("npt,np->nt", slopes, place.jacobian[:, :, k])
-            wanted = run.gradients[:, outputs, k] - place.warp_gradient[:, k, None]
-            matrix.append(sizes[k] * w * along)
-            targets.append(sizes[k] * w * wanted)
+            along = np.einsum("npt,np->nt", slopes, place.jacobian[here, :, k])
+            wanted = by_groups[..., k] - place.warp_gradient[here, k, None]
+            matrix.append(sizes[k] * w[here] * along)
+            targets.append(sizes[k] * w[here] * wanted)
         if np.all(np.isfinite(run.first[outputs])):
             start = place.points[:1].copy()
             start[0, 0] = -1.0

@@ -344,7 +344,9 @@ def _solution(kind: Kind, members: dict[str, Any]) -> Solution:
     end = (status, limit, int(m["iterations"]), str(m["solver"]))
     if kind is Kind.CURVE:
         return CurveSolution(m["readings"], m["rates"], m["rest"], m["rest_rates"], *end)
-    return PathSamples(m["loads"], m["readings"], m["gradients"], *end)
+    # files were written without readings between the equilibria once
+    between = m.get("between", np.empty((0, m["readings"].shape[1])))
+    return PathSamples(m["loads"], m["readings"], m["gradients"], *end, between)
 
 
 def _check_shapes(run: Run, members: dict[str, Any]) -> None:
@@ -357,6 +359,9 @@ def _check_shapes(run: Run, members: dict[str, Any]) -> None:
             raise ValueError(f"it has {n} loads, not {len(run.curve.loads)}")
     else:
         wanted |= {"loads": (n,), "gradients": (n, outputs, inputs)}
+        if "between" in members:
+            most = min(len(members["between"]), len(run.curve.loads))
+            wanted |= {"between": (most, outputs)}
     for name, shape in wanted.items():
         array = members[name]
         if array.shape != shape or array.dtype != np.float64:
