@@ -157,7 +157,7 @@ def refine(
     with threadpool_limits(1):  # sums of several threads depend on their number
         solved = counted(curves, samples, ground.units)
         at_steps, all_along = (
-            list(learned(solved, ground.span, ground.length, steepest, between=between).values())
+            learned(solved, ground.span, ground.length, steepest, between=between)
             for between in (False, True)
         )
         if (count := len(at_steps)) < FEWEST:
@@ -165,10 +165,9 @@ def refine(
                 f"{count} curves say anything where the posterior lies, too few to refine by"
             )
         elsewhere = _points_of(asked.in_units(ground.units))
-        fitted = [
-            _Correction.of(ground, all_along if plan.between else at_steps, elsewhere, plan)
-            for plan in REFINING
-        ]
+        # what says anything at its steps does so between them too
+        known = {False: list(at_steps.values()), True: [all_along[curve] for curve in at_steps]}
+        fitted = [_Correction.of(ground, known[plan.between], elsewhere, plan) for plan in REFINING]
         error, strain_error = _error_terms(ground, fitted, elsewhere)
         rest = replace(
             ground,

@@ -157,6 +157,18 @@ def test_what_the_catalogue_says_is_like_a_cause_is_fitted_however_little_the_ef
         assert sorted(rivals(search, chosen, "offset")) == fitted
 
 
+def test_what_reads_like_a_rival_as_good_as_a_cause_is_fitted_too():
+    one = SearchEffort(replicates=100, fitted=1, pairs=0)
+    near = linear_cause("near", SHAPES["offset"] + 0.1 * SHAPES["wave"])
+    for rival, fitted in ((near, ["ageing", "near"]), (linear_cause("lag"), ["lag"])):
+        declared = replace(rival, twins=("offset", "ageing"))
+        offset = replace(linear_cause("offset"), twins=(rival.name,))
+        causes = (offset, declared, linear_cause("wave"), linear_cause("ageing"))
+        search, chosen = searched(straight.readings(0, offset=0.3), causes, effort=one)
+        assert chosen == {"offset"}
+        assert sorted(rivals(search, chosen, "offset")) == fitted
+
+
 def test_evidence_that_is_settled_rests_on_more_draws_and_stays_exact():
     observed = straight.readings(0, offset=0.3)
     search, chosen = searched(observed)

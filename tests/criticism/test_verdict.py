@@ -22,6 +22,7 @@ from bayesdeg.criticism.decide.support import (
     IMPLAUSIBLE,
     INSEPARABLE,
     MODERATE,
+    TWINS_APART,
     Support,
     prior_tail,
     supports,
@@ -256,7 +257,23 @@ def test_one_of_two_causes_with_a_reason_against_it_keeps_both_from_being_named(
     ],
 )
 def test_a_twin_is_as_good_within_twice_the_margin(twins, gap, causes):
-    assert outcome_of(support(rivals={"erosion": gap}, twins=twins)).causes == causes
+    found = outcome_of(support(rivals={"erosion": gap}, twins={"creep": twins}))
+    assert found.causes == causes
+
+
+@pytest.mark.parametrize(
+    ("gap", "apart", "causes"),
+    [
+        (INSEPARABLE - 0.1, TWINS_APART - 0.1, ("creep", "erosion", "batch_stiffness")),
+        (INSEPARABLE - 0.1, TWINS_APART + 0.1, ("creep", "erosion")),
+        (INSEPARABLE + 0.1, 0.5, ("creep",)),
+    ],
+)
+def test_a_twin_of_a_rival_that_is_as_good_is_as_good_too(gap, apart, causes):
+    rivals, alike = ("erosion", "batch_stiffness"), {"erosion": ("batch_stiffness",)}
+    alike |= {"batch_stiffness": ("erosion",)}
+    gaps = dict(zip(rivals, (gap, gap + apart), strict=True))
+    assert outcome_of(support(rivals=gaps, twins=alike)).causes == causes
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,44 @@ def test_nothing_is_said_beyond_the_reach_or_the_range_of_the_warped_load():
     assert said > 20
 
 
+@pytest.mark.parametrize("place", [BASE, MIXED], ids=["base", "mixed"])
+def test_between_equilibria_values_alone_are_said(place):
+    every = tuple(place.modulus * q for q in LOADS)
+    curve, whole = Curve(every, place.material()), sample(Curve(every, place.material()))
+    few = [0, 1, 3, 5]
+    solved = replace(
+        whole,
+        loads=whole.loads[few],
+        readings=whole.readings[few],
+        gradients=whole.gradients[few],
+        between=whole.readings[1:],
+    )
+    run = observe(curve, solved, span=SPAN, length=LENGTH, between=True)
+    expected = observed(curve)
+    np.testing.assert_array_equal(run.load, expected.load)
+    np.testing.assert_array_equal(run.values, expected.values)
+    np.testing.assert_array_equal(run.solved, [True, False, True, False, True])
+    np.testing.assert_array_equal(run.gradients[run.solved], expected.gradients[run.solved])
+    assert np.all(np.isnan(run.gradients[~run.solved]))
+    at_steps = observed(curve, solved)
+    np.testing.assert_array_equal(at_steps.load, expected.load[run.solved])
+
+
+def test_where_a_curve_falls_nothing_is_said_of_the_step_either():
+    whole = path([0.1, 0.2, 0.3, 0.4, 0.5], [1.0, 1.0, 1.0, -1.0, 1.0])
+    solved = replace(whole, between=np.repeat(whole.readings[1:], 2, axis=0))
+    loads = np.sort(np.concatenate([Q, Q - 0.05]))
+    run = observe(
+        replace(CURVE, loads=tuple(loads.tolist())),
+        solved,
+        span=SPAN,
+        length=LENGTH,
+        steepest=1e3,
+        between=True,
+    )
+    np.testing.assert_allclose(run.load, [0.05, 0.1, 0.15, 0.2, 0.25, 0.3])
+
+
 def test_a_path_that_failed_at_once_says_nothing():
     whole = sample(Curve(LOADS, BASE.material()))
     assert observed(Curve(LOADS, BASE.material()), shortened(whole, 2)) is None

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.emulator.local import AskedInputs, counted_in, curves_along, curves_of
 from bayesdeg.emulator.refinement import ENDS_FOR_SLOPES, FEWEST, FEWEST_ENDS, refine
@@ -152,6 +153,47 @@ def test_strains_are_corrected_where_the_posterior_lies():
     accuracy = json.loads(found.record)["accuracy"]
     assert accuracy["peak_stretch"]["p95_pct"] < 1.0
     assert accuracy["weibull_strain_10"]["p95_pct"] < 1.0
+
+
+KINK, KINKED, WIDTH = 0.012, 0.18, 0.04  # size, and the load where it is largest
+STOPS = [0, 6, 13, 20, 40]  # of all loads, where paths stop
+
+
+def kinked(curve):
+    """A path of few equilibria; between two of them the peak stretch lags behind and catches up."""
+    found, peak = sample(curve), OUTPUTS.index("peak_stretch")
+    away = np.abs(np.array(found.loads) - KINKED) / WIDTH
+    readings = found.readings.copy()
+    readings[:, peak] = 1.0 + (readings[:, peak] - 1.0) * (1.0 - KINK * np.maximum(1.0 - away, 0.0))
+    at = [k for k in STOPS if k < len(readings)]
+    return replace(
+        found,
+        loads=found.loads[at],
+        readings=readings[at],
+        gradients=found.gradients[at],
+        between=readings[1:],
+    )
+
+
+def test_a_kink_of_a_quantile_between_the_steps_of_all_paths_is_met():
+    curves = curves_along(POSTERIOR, SPAN, 12, seed=3)
+    with_kinks, without = (
+        refine(strained(trained(), 0.01), curves, samples, WHOLE).surrogate
+        for samples in (
+            [kinked(curve) for curve in curves],
+            [replace(kinked(curve), between=np.empty((0, len(OUTPUTS)))) for curve in curves],
+        )
+    )
+    missed = {True: [], False: []}
+    for curve in curves_of(POSTERIOR, SPAN, 8, seed=8):
+        curve = replace(curve, loads=curves[0].loads)
+        run = observe(curve, kinked(curve), span=SPAN, length=LENGTH, between=True)
+        points = run.coordinates.points
+        for is_met, one in ((True, with_kinks), (False, without)):
+            y = features(one.terms.orders, points) @ one.terms.coefficients[2]
+            missed[is_met].append(np.abs(y + run.coordinates.warp - run.values[:, 2]).max())
+    assert np.median(missed[False]) > 0.4 * KINK
+    assert np.median(missed[True]) < 0.6 * np.median(missed[False])
 
 
 def neutral_inputs(curve):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.status import Status
+from bayesdeg.emulator import solutions
 from bayesdeg.emulator.campaign import Kind, complete
 from bayesdeg.emulator.solutions import SolutionStore, encode
 from bayesdeg.errors import BayesdegError
@@ -54,6 +56,16 @@ def test_a_file_says_what_it_is_without_this_package_and_without_pickle(store, k
     assert record["run"] == run.parameters()
     assert record["run"]["curve"]["loads"] == list(run.curve.loads)
     assert record["run"]["geometry"]["dimensions"]["length"] == 14.0
+
+
+def test_a_file_of_before_readings_between_the_equilibria_has_none(store, monkeypatch):
+    run = wanted(Kind.SAMPLES)
+    solution = made_up(run)
+    old = {name: value for name, value in vars(solution).items() if name != "between"}
+    monkeypatch.setattr(solutions, "vars", lambda _: old, raising=False)
+    store.put(run, solution)
+    monkeypatch.undo()
+    assert_same(store.get(run), replace(solution, between=np.empty((0, len(OUTPUTS)))))
 
 
 def test_bytes_depend_on_the_solution_alone(store, monkeypatch, tmp_path):

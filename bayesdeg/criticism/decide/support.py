@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ Regroup = Callable[[JointModel], JointModel]
 
 INSEPARABLE = float(np.log(20.0))
 IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
+TWINS_APART = 2.0 * INSEPARABLE  # what priors of size alone may make of causes that read alike
 MODERATE = 2.0 * INSEPARABLE  # evidence that cannot carry an implausible size
 UNSURE = 3.0  # standard errors of a difference of evidences within which chance of draws decides
 CLOSE_CALL = 2.0
@@ -46,8 +47,8 @@ class Support:
     chance : float or None
         Share of data sets simulated without it in which the best of all candidates has as large a
         log Bayes factor, (1 + #)/(1 + n): the test that names, directed at the catalogue.
-    twins : tuple of str
-        Those of the rivals that no reading tells from it.
+    twins : mapping of str to tuple of str
+        Of it and of its rivals, which causes no reading tells from each.
     """
 
     cause: str
@@ -58,7 +59,7 @@ class Support:
     prior_tail: float
     together: tuple[float, float] | None = None
     chance: float | None = None
-    twins: tuple[str, ...] = ()
+    twins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def held_out_agrees(self) -> bool:
@@ -99,15 +100,26 @@ class Support:
         """Rivals as good as it, in the order of their evidence.
 
         An implausible size counts against it: then rivals a little farther behind are as good. So
-        are those that no reading tells from it, of which priors of size make most of the evidence.
+        are those that no reading tells from it, or from a rival that is as good: of these priors of
+        size make most of the evidence.
         """
         close = {name: gap for name, gap in self.rivals.items() if gap < self.farthest(name)}
         return tuple(sorted(close, key=lambda name: close[name]))
 
     def farthest(self, rival: str) -> float:
         """Return how far behind a rival may be that is as good as it [nats]."""
-        wider = self.prior_tail < IMPLAUSIBLE or rival in self.twins
-        return (2.0 if wider else 1.0) * INSEPARABLE
+        alike = self.twins.get(rival, ())
+        behind = [self.rivals[twin] for twin in alike if self._is_as_good(twin)]
+        return max([self._farthest_alone(rival), *(gap + TWINS_APART for gap in behind)])
+
+    def _is_as_good(self, rival: str) -> bool:
+        return rival in self.rivals and self.rivals[rival] < self._farthest_alone(rival)
+
+    def _farthest_alone(self, rival: str) -> float:
+        """Return how far behind it may be, whatever other rivals there are [nats]."""
+        if rival in self.twins.get(self.cause, ()):
+            return TWINS_APART
+        return (2.0 if self.prior_tail < IMPLAUSIBLE else 1.0) * INSEPARABLE
 
     def replaced(self, chosen: Names, rival: str) -> Names:
         """Return the set with a rival in the place of this cause."""
@@ -234,6 +246,7 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
         tested = chosen in held_out and rest in held_out
         gain, error = difference(held_out[chosen], held_out[rest]) if tested else (None, None)
         others = rivals(search, chosen, name)
+        twins = {cause.name: cause.twins for cause in search.causes}
         whole = search.factor(chosen)
         factor = whole - search.factor(rest)
         found.append(
@@ -246,7 +259,7 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
                 prior_tail(search, chosen, name),
                 together,
                 search.step(rest).chance_of(factor),
-                _cause_of(search, chosen, name).twins,
+                {one: twins[one] for one in (name, *others)},
             )
         )
     return sorted(found, key=lambda one: -one.log_bayes_factor)

@@ -436,8 +436,8 @@ def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
     """Return what could stand in the place of one cause of a set, with log Bayes factors.
 
     What screening puts near the best, as far as the effort goes; beyond it, what the catalogue says
-    is like the cause; and what is fitted already. The factors are those of the whole set against
-    the base model.
+    is like the cause; what is fitted already; and what no reading tells from such a one within odds
+    of 20. The factors are those of the whole set against the base model.
     """
     rest = chosen - {cause}
     _ensure(search, rest)
@@ -446,9 +446,18 @@ def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
     own = next(one for one in search.trials[chosen].subject.causes if one.name == cause)
     alike = _look_alikes(search.step(rest), own)
     leading = dict.fromkeys([*search.leaders(rest), *alike, *fitted])
-    others = [name for name in leading if name not in chosen]
-    sets = search.fit(rest, others)
-    return dict(zip(others, (search.factor(names) for names in sets), strict=True))
+    found = _factors_of(search, rest, [name for name in leading if name not in chosen])
+    least = search.factor(chosen) - LEAST_FACTOR
+    as_good = [c for c in search.causes if found.get(c.name, -np.inf) > least]
+    twins = dict.fromkeys(twin for c in as_good for twin in c.twins if twin not in found)
+    able = [name for name in twins if name not in chosen and name in search.step(rest).screened]
+    return found | _factors_of(search, rest, able)
+
+
+def _factors_of(search: Search, rest: Names, added: list[str]) -> dict[str, float]:
+    """Return log Bayes factors of a set with each of several causes added, by what is added."""
+    sets = search.fit(rest, added)
+    return dict(zip(added, (search.factor(names) for names in sets), strict=True))
 
 
 def _look_alikes(step: Step, cause: Cause) -> list[str]:
