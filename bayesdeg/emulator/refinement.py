@@ -73,9 +73,9 @@ _WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
 QUANTILE_WEIGHT = 0.02  # of derivatives: more helps one actuator in three and harms two
 _PRIOR = Prior(0.8, 0.6, 0.6, 5e-2)
 _ANGLES = FitPlan(ANGLES, True, _WAVY, _WAVY, _PRIOR, _PRIOR)
-# where the places of the largest stretches change, quantiles have kinks, narrower than the steps of
-# a path: they need what is read between these, and waves as short. Their derivatives are smoothed
-# over points, and say less than those of angles
+# where the most stretched part of the volume changes place, quantiles have kinks, narrower than the
+# steps of a path: they need what is read between these, and waves as short. Their derivatives are
+# smoothed over points, and say less than those of angles
 _KINKED = Family((28, 5, 5, 4), (4, 2, 2, 2), ONCE)
 _SLOWLY_FALLING = Prior(0.9, 0.6, 0.6, 2e-2)
 _STRETCH = FitPlan(
