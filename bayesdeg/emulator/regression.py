@@ -35,6 +35,7 @@ STEEPEST = 2.75  # where d ln κ / d ln p is larger a pneunet is about to balloo
 FLOOR = 0.15  # smallest weight of a reading, over that of the curve's largest
 COUNTED = [0, 1, -1]  # outputs that are counted from rest: curvature, bend angle, volume
 QUANTILES = [2, -3, -2]  # at rest all stretches are alike: how one begins to grow is not known
+STRAINED = slice(2, -1)  # those that rest strains too, where misfit or weight act
 _VOLUME = OUTPUTS.index("cavity_volume")
 
 
@@ -171,21 +172,14 @@ def observe(
         return None
     quantities, slopes = _quantities(samples, length)
     rest = stretch_offset(groups.T)
-    strained = slice(2, -1)
     denominators = np.column_stack([q, q, *(q + rest for _ in (PEAK, *MEASURES)), q])
     changes, by_inputs = quantities[1:].copy(), slopes[1:].copy()
     changes[:, COUNTED] -= quantities[0, COUNTED]
     by_inputs[:, COUNTED, 1:] -= slopes[0, COUNTED, 1:]
     with np.errstate(invalid="ignore", divide="ignore"):
         by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
-    by_groups[:, strained] -= (_offset_gradient(place) / denominators[:, 2, None])[:, None]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        first = np.log(slopes[0, :, 0] * place.modulus)
-    first[QUANTILES] = np.nan
-    if rest[0] != 0.0:
-        first[strained] = np.nan
-    with np.errstate(invalid="ignore", divide="ignore"):
         logs = np.log(changes / denominators)
+    by_groups[:, STRAINED] -= (_offset_gradient(place) / denominators[:, 2, None])[:, None]
     weights = np.maximum(changes[keep, 0] / changes[keep, 0].max(), FLOOR)
     return Observed(
         Coordinates(*(part[keep] for part in vars(points).values())),
@@ -193,9 +187,19 @@ def observe(
         logs[keep],
         by_groups[keep],
         weights,
-        first,
+        _at_zero_load(slopes[0, :, 0] * place.modulus, is_strained=rest[0] != 0.0),
         tight=curve.material.paper_slack == 0.0,
     )
+
+
+def _at_zero_load(slopes: Floats, *, is_strained: bool) -> Floats:
+    """Return y at zero load from first slopes by p/M, (10,); nan where it is not known."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = np.log(slopes)
+    first[QUANTILES] = np.nan
+    if is_strained:
+        first[STRAINED] = np.nan
+    return np.asarray(first)
 
 
 def _with_readings_between(curve: Curve, samples: PathSamples) -> PathSamples:
