@@ -34,11 +34,12 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import (
     OUTPUTS,
     PEAK,
+    Reading,
     measured_strains,
     read_state,
     read_with_gradients,
 )
-from bayesdeg.actuator.problem import DiscreteEquations, Problem, System
+from bayesdeg.actuator.problem import DiscreteEquations, Point, Problem, System
 from bayesdeg.actuator.sensitivity import (
     INPUTS,
     Variation,
@@ -420,6 +421,7 @@ class Actuator:
             record = self._recorder(problem, mesh, enough=1e-4, is_smooth=True)
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort, visit=record.visit)
+        between = () if self.held else _readings(mesh, path.points, has_rates=False)
         return PathSamples(
             np.array(record.loads),
             np.array(record.readings).reshape(-1, outputs),
@@ -428,7 +430,7 @@ class Actuator:
             path.limit_load,
             path.iterations,
             solver.name,
-            np.empty((0, outputs)) if self.held else _read_values(mesh, path),
+            np.array([one.values for one in between]).reshape(-1, outputs),
         )
 
     def _need_kernels(self) -> None:
@@ -528,30 +530,27 @@ def _no_samples(status: Status, outputs: int) -> PathSamples:
     return PathSamples(np.empty(0), none, _stacked([], outputs), status, 0.0, 0, "", none)
 
 
-def _read_values(mesh: ActuatorMesh, path: Path) -> Floats:
-    """Return the readings at the loads asked for that were reached, without their rates."""
-    angle, readings = 0.0, list[Floats]()
-    for point in path.points:
-        reading = read_state(mesh, point.state, previous_angle=angle)
-        angle = reading.bend_angle
-        readings.append(reading.values)
-    return np.array(readings).reshape(-1, len(OUTPUTS))
+def _readings(
+    mesh: ActuatorMesh, points: Sequence[Point], *, has_rates: bool = True
+) -> list[Reading]:
+    """Return what is read along a path; without rates they are zero, and cost nothing."""
+    angle, found = 0.0, list[Reading]()
+    for point in points:
+        rate = point.rate if has_rates else None
+        found.append(read_state(mesh, point.state, rate=rate, previous_angle=angle))
+        angle = found[-1].bend_angle
+    return found
 
 
 def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
     if path.rest is None:
         return replace(_empty(path.status), limit_load=path.limit_load, iterations=path.iterations)
-    angle, readings, rates = 0.0, list[Floats](), list[Floats]()
-    for point in (path.rest, *path.points):
-        reading = read_state(mesh, point.state, rate=point.rate, previous_angle=angle)
-        angle = reading.bend_angle
-        readings.append(reading.values)
-        rates.append(reading.rates)
+    rest, *loaded = _readings(mesh, (path.rest, *path.points))
     return CurveSolution(
-        np.array(readings[1:]).reshape(-1, len(OUTPUTS)),
-        np.array(rates[1:]).reshape(-1, len(OUTPUTS)),
-        readings[0],
-        rates[0],
+        np.array([one.values for one in loaded]).reshape(-1, len(OUTPUTS)),
+        np.array([one.rates for one in loaded]).reshape(-1, len(OUTPUTS)),
+        rest.values,
+        rest.rates,
         path.status,
         path.limit_load,
         path.iterations,

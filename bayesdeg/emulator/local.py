@@ -386,7 +386,9 @@ def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: i
 
 
 MANY_SHARES = tuple((np.arange(1, 41) / 40.0).tolist())
-"""Of the largest load, at which strains are read between few equilibria: quantiles have kinks."""
+"""Of the largest load, at which a curve is read between its few equilibria: quantiles have kinks.
+
+With twenty a stretch was met within 0.50 %, with sixty within 0.43."""
 SHORTEST = 0.06  # share of the largest load: below it curves are as their slope at rest says
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
