@@ -73,16 +73,34 @@ def beyond_reach(study: Study, model: JointModel) -> Aside | None:
     """
     if not isinstance(model.world, FilmsAndActuators):
         return None
-    places = model.places
-    read = places.family == ACTUATOR
-    over = read & (places.along > _ends(model, places.specimen))
-    if np.any(over):
-        over &= ~np.isin(places.specimen, [str(one.specimen) for one in in_another_unit(study)])
+    places, over = model.places, readings_beyond(study, model)
     specimens = tuple(dict.fromkeys(str(name) for name in places.specimen[over]))
     if not specimens or any(np.mean(over[places.specimen == n]) > MOST for n in specimens):
         return None
     readings = readings_at(places, over)
     return Aside(None, "actuator", specimens, readings, is_without_rows=True)
+
+
+def readings_beyond(study: Study, model: JointModel) -> NDArray[np.bool_]:
+    """Return which observations of a model lie beyond the end of their curve, by films and priors.
+
+    Parameters
+    ----------
+    study : Study
+        With these readings; those in another unit, by its columns, do not count.
+    model : JointModel
+        Its base model.
+
+    Returns
+    -------
+    array of bool, shape (n,)
+    """
+    places = model.places
+    read: NDArray[np.bool_] = places.family == ACTUATOR
+    over = read & (places.along > _ends(model, places.specimen))
+    if np.any(over):
+        over &= ~np.isin(places.specimen, [str(one.specimen) for one in in_another_unit(study)])
+    return over
 
 
 def in_another_unit(study: Study) -> list[Fault]:

@@ -28,12 +28,14 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.update import ENOUGH, FEWEST, RELIABLE_K, Updated, drawn_evenly, take_in
 from bayesdeg.observations.curvature import ActuatorCurves, actuator_curves
+from bayesdeg.pipeline.aside import readings_at
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.forecast import emulator_of, known_soil_of, refuse_impossible_draws
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import Owner, owner_of, update_folder
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.reach import readings_beyond
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.record import Results, in_doubt
 from bayesdeg.pipeline.run import with_counts
@@ -320,6 +322,52 @@ def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, .
     return tuple(map(str, refuse_impossible(new)))
 
 
+def refuse_beyond(studies: tuple[Study, Study], model: JointModel, name: str) -> None:
+    """Refuse new readings that no curve of their material reaches.
+
+    Parameters
+    ----------
+    studies : (Study, Study)
+        Before and after the new rows.
+    model : JointModel
+        The run's base model, of whichever tests.
+    name : str
+        Of the file they are from.
+
+    Raises
+    ------
+    StudyError
+        With a fault for each specimen: a run sets such readings aside before any model is fitted,
+        in a finished one each model would be pulled by how far its own curves go.
+    """
+    before, after = (_beyond(study, model) for study in studies)
+    pressures: dict[str, list[str]] = {}
+    for specimen, pressure, *_ in sorted(after - before):
+        pressures.setdefault(specimen, []).append(f"{pressure:g}")
+    if pressures:
+        raise StudyError([_out_of_reach(name, *item) for item in pressures.items()])
+
+
+def _beyond(study: Study, model: JointModel) -> set[tuple[str, float, str, float]]:
+    curves = actuator_curves(study)
+    if curves is None:
+        return set()
+    tested = model.of_actuators(curves)
+    return set(readings_at(tested.places, readings_beyond(study, tested)))
+
+
+def _out_of_reach(name: str, specimen: str, pressures: Sequence[str]) -> Fault:
+    return Fault(
+        name,
+        f"by films and priors it balloons before {' and '.join(dict.fromkeys(pressures))} kPa, so "
+        "that no curve of the model goes so far",
+        f"leave these rows out, or add all rows to {FILE} of the study and run it again, which "
+        "sets such readings aside",
+        specimen=specimen,
+        column="pressure_kPa",
+    )
+
+
 # ---- the posterior
 
 
@@ -563,6 +611,7 @@ def _update(
     forward = emulator_of(of.run, emulator)
     # priors and scales stay those of the run, whatever pressures were added
     assembly = assemble(of.study, forward)
+    refuse_beyond((before, after), assembly.model, name)
     drawn = _drawn(of, assembly)
     target = out or default_target(report)
     with update_folder(target, report, of.study) as folder:

@@ -351,6 +351,20 @@ def test_readings_above_the_largest_pressure_can_be_followed_by_others(places):
     assert measured["pressure_kPa"][-1] == 200.0
 
 
+def test_a_reading_that_no_curve_reaches_is_refused_even_alone(places, bayesdeg):
+    folder, report, file = places
+    fresh = [f"n3,0,0,{pressure},{4 + pressure / 20}" for pressure in (100, 240, 250)]
+    for rows in (fresh, fresh[1:]):
+        (folder / "far.csv").write_text("\n".join([HEAD, *rows, ""]), encoding="utf-8")
+        code, _, said = bayesdeg("update", report, folder / "far.csv", "--emulator", file)
+        assert code == INPUT_FAULT
+        [line] = lines_of(said)
+        told = ("far.csv", "n3", "pressure_kPa", "balloons", "240", "250")
+        assert all(word in line for word in told)
+    (folder / "far.csv").write_text("\n".join([HEAD, fresh[0], ""]), encoding="utf-8")
+    assert bayesdeg("update", report, folder / "far.csv", "--emulator", file)[0] == 0
+
+
 def test_what_is_unlikely_of_new_rows_is_in_doubt(places):
     folder, report, file = places
     rows = pd.read_csv(folder / "new.csv").assign(humidity_pct=0.6)
