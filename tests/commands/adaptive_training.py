@@ -19,11 +19,15 @@ from bayesdeg.commands import training
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.local import local_design
+from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.pipeline import calibrate
 from bayesdeg.pipeline.emulation import asked_of
 from tests.killing import forked, killed
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE
 
+# of a chain, which is sampled where so rough an emulator leaves no other draws
+SHORT = replace(EFFORTS["quick"], effective=1.0, r_hat=10.0, longest=75)
 MANNER = training.Manner(yes=True, quiet=True)
 LONGEST = 0.75  # of the time that an undisturbed training takes
 
@@ -46,6 +50,7 @@ def train(study, folder):
     training.LOCAL = recipe
     training.TARGET_PCT = training.REFINABLE_PCT = 0.0  # never good: all rounds are worked
     training.LAST_ROUNDS = 1  # the next would be the same once more
+    calibrate.EFFORTS = EFFORTS | {"quick": SHORT}
     asked = asked_of(study, study.settings.seed)
     first = local_design(asked, recipe(geometry_of_study(study.settings).dimensions))
     training.train_where_asked(study, first, None, MANNER)
