@@ -162,9 +162,11 @@ PLANTED = {
     ),
     "degraded_skin": Planted("careful", {"degraded_skin": {"skin_stiffening": 1.1}}, 3),
     "film_mismatch": Planted("careful", {"film_mismatch": {"log_ratio": -0.15}}),
-    "paper_softening": Planted("careful", {"paper_softening": {"softening": 1.8}}, 3),
+    "paper_softening": Planted(
+        "careful", {"paper_softening": {"softening": 1.8, "growth": 1.0}}, 3
+    ),
     "second_invariant": Planted("careful", {"second_invariant": {"ratio": 0.5}}),
-    "erosion": Planted("careful", {"erosion": {"lost_share": 0.12}}),
+    "erosion": Planted("careful", {"erosion": {"lost_share": 0.12, "growth": 1.0}}),
     "initial_curvature": Planted("careful", {"initial_curvature": {"mismatch": 0.026}}, 3),
     "paper_slack": Planted("careful", {"paper_slack": {"slack": 0.015}}),
     "shrinkage_reading": Planted("careful", {"shrinkage_reading": {"scale_error": -0.18}}),

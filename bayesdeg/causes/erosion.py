@@ -5,9 +5,10 @@ Mechanism
     from the outer faces and the slots, while the simulation keeps the geometry of the fresh part.
 
 Equation
-    Thickness lost from every exposed face, at moulded size: e · 2 mm · D/25 %, with e the share of
-    a nominal wall of 2 mm that is lost at 25 %; of the part itself it is that times the linear
-    scale. The face under the paper and the clamped end lose nothing.
+    Thickness lost from every exposed face, at moulded size: e · 2 mm · (D/25 %)^n, with e the share
+    of a nominal wall of 2 mm that is lost at 25 %, and n = 1 if loss and degradation go on
+    together; of the part itself it is that times the linear scale. The face under the paper and the
+    clamped end lose nothing.
 
 Typical size
     e = 0.05–0.15: curvature +11 … +36 % at 25 % (8–30 % were estimated from 21 % of lost mass).
@@ -15,6 +16,8 @@ Typical size
     20.5 % of the default actuator's gel. Eq. 6 would take more if all that is lost left from the
     exposed faces: its 21–25 % of dry mass are e = 0.21–0.25, with their water 0.31. A size at the
     end of the prior says so; what is lost evenly is ``degraded_shrinkage``, within its range.
+    Faces that are eaten at a constant rate, while the degradation rate tends to some 30 %, lose
+    thickness as with n = 1.4 to 2.1.
 
 Revealed by
     More curvature than simulated, growing with the degradation rate, none of it in fresh
@@ -34,14 +37,15 @@ from dataclasses import replace
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_degraded
 from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
-from bayesdeg.priors import Parameter, TruncatedNormal
+from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
 
 NOMINAL_WALL = 2.0  # mm, as moulded
 
 
 def thin_walls(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
-    """Return inputs with e · 2 mm · D/25 %, scaled to the part, lost from exposed faces."""
-    share = effect["lost_share"] * conditions.degradation / REFERENCE_DEGRADATION
+    """Return inputs with e · 2 mm · (D/25 %)^n, scaled to the part, lost from exposed faces."""
+    grown = (conditions.degradation / REFERENCE_DEGRADATION) ** effect["growth"]
+    share = effect["lost_share"] * grown
     lost = share * NOMINAL_WALL * inputs.linear_scale
     return replace(inputs, erosion=lost + (0.0 if inputs.erosion is None else inputs.erosion))
 
@@ -57,9 +61,16 @@ CAUSE = Cause(
             "share of a 2 mm wall that is lost at a degradation rate of 25 %",
             0.0,
         ),
+        Parameter(
+            "growth",
+            LogNormal(1.0, 0.5),
+            "–",
+            "power of the degradation rate with which it grows",
+            1.0,
+        ),
     ),
     mechanism="exposed walls lose thickness to the soil, which the simulation does not know",
-    typical={"lost_share": 0.1},
+    typical={"lost_share": 0.1, "growth": 1.0},
     revealed_by="more curvature than simulated, growing with the degradation rate; refuted by "
     "walls of degraded parts as thick as fresh ones",
     confusable_with=(

@@ -119,8 +119,8 @@ def test_a_degraded_skin_takes_a_few_percent_of_the_curvature():
 
 
 def test_eroded_walls_bend_more():
-    _, small = changed("erosion", lost_share=0.05)
-    _, large = changed("erosion", lost_share=0.15)
+    _, small = changed("erosion", lost_share=0.05, growth=1.0)
+    _, large = changed("erosion", lost_share=0.15, growth=1.0)
     np.testing.assert_allclose(small, 11.0, atol=0.5)
     np.testing.assert_allclose(large, 36.0, atol=1.5)
 

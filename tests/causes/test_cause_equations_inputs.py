@@ -43,9 +43,14 @@ def test_skin_stiffens_in_proportion_to_the_degradation_rate():
 
 
 def test_erosion_takes_a_share_of_two_millimetres_scaled_to_the_part():
-    lost = thin_walls(INPUTS, CONDITIONS, effect(lost_share=0.1)).erosion
+    lost = thin_walls(INPUTS, CONDITIONS, effect(lost_share=0.1, growth=1.0)).erosion
     # 0.1 · 2 mm · 0.853 at 25 %
     np.testing.assert_allclose(lost[0, :, 0], 0.1706 * LEVELS[:, 0] / 25.0, rtol=1e-14)
+
+
+def test_walls_may_be_eaten_later_than_the_gel_degrades():
+    lost = thin_walls(INPUTS, CONDITIONS, effect(lost_share=0.1, growth=2.0)).erosion
+    np.testing.assert_allclose(lost[0, :, 0], 0.1706 * (LEVELS[:, 0] / 25.0) ** 2, rtol=1e-14)
 
 
 def test_a_degraded_part_keeps_a_share_of_its_volume_that_falls_linearly():

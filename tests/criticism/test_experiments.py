@@ -258,7 +258,10 @@ def test_only_a_second_gauge_or_a_strip_separates_a_gauge_from_the_material(mode
 
 def test_weighing_the_actuator_reveals_a_misread_degradation_rate(model, experiments):
     misread = {"degradation_misread.shift": 4.0, "degradation_misread.scatter": 0.1}
-    pair = around(model, misread), around(model, {"erosion.lost_share": 0.1}, seed=1)
+    pair = (
+        around(model, misread),
+        around(model, {"erosion.lost_share": 0.1, "erosion.growth": 1.0}, seed=1),
+    )
     [weighed] = [e for e in experiments if e.kind == "weighed piece"]
     assert expected_of(pair, weighed) > LEAST
     [walls] = [e for e in of_kind(experiments, WALLS) if e.plan.levels != (0.0,)]
@@ -269,7 +272,7 @@ WALLS = "roof"
 
 
 def test_walls_read_what_erosion_and_thickness_leave(model):
-    sizes = {"erosion.lost_share": 0.1, "wall_thickness.excess": -0.05}
+    sizes = {"erosion.lost_share": 0.1, "erosion.growth": 1.0, "wall_thickness.excess": -0.05}
     hypothesis = around(model, sizes, width=0.0)
     values = hypothesis.model.table.named(hypothesis.draws[:1])
     level = np.array([[0.0], [25.0]])
@@ -281,7 +284,7 @@ def test_walls_read_what_erosion_and_thickness_leave(model):
 
 def test_a_strip_of_the_paper_tells_softer_paper_from_thinner_walls(model, experiments):
     softer = around(model, {"paper_softening.softening": 1.0, "paper_softening.growth": 2.0})
-    thinner = around(model, {"erosion.lost_share": 0.1}, seed=1)
+    thinner = around(model, {"erosion.lost_share": 0.1, "erosion.growth": 1.0}, seed=1)
     strips = of_kind(experiments, "strip of the paper")
     [degraded] = [e for e in strips if e.plan.levels != (0.0,)]
     assert expected_of((softer, thinner), degraded) > LEAST
