@@ -470,7 +470,8 @@ def test_aimed_draws_give_the_evidence_of_a_narrow_likelihood(study):
 
 def test_a_wider_prior_keeps_its_bounds(study):
     cause = study.causes.widened(CATALOGUE["erosion"], 2.0)
-    values = study.causes.values_at(cause, np.array([[-5.0], [0.0], [5.0]]))["erosion.lost_share"]
+    scores = np.array([[-5.0, 0.0], [0.0, 0.0], [5.0, 0.0]])
+    values = study.causes.values_at(cause, scores)["erosion.lost_share"]
     assert cause.parameters[0].law.sd == 2.0 * CATALOGUE["erosion"].parameters[0].law.sd
     assert 0.0 <= values[0] < values[1] < values[2] <= 0.2
 
