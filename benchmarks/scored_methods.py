@@ -3,7 +3,7 @@
     uv run python benchmarks/hidden_dataset.py --studies 96 --seed 97 --physics 3 \
         --out .cache/scored/studies --truths .cache/scored/truths.jsonl
     uv run python benchmarks/scored_methods.py --studies .cache/scored/studies \
-        --truths .cache/scored/truths.jsonl --first 80 --record benchmarks/scored --json
+        --truths .cache/scored/truths.jsonl --record benchmarks/scored --json
 
 lets each method answer each study from its folder alone, and scores it as ``bayesdeg score`` does.
 bayesdeg judges as ``bayesdeg run`` does at quick effort; the other two are in ``other_methods.py``.
