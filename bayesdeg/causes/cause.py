@@ -11,13 +11,21 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.data.study import Study
 from bayesdeg.material.strength import Strength
-from bayesdeg.priors import Parameter
+from bayesdeg.priors import LogNormal, Parameter
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 REFERENCE_DEGRADATION = 25.0
 """Degradation rate for which sizes of effects that grow with it are stated [%]."""
+GROWTH = Parameter(
+    "growth",
+    LogNormal(1.0, 0.5),
+    "–",
+    "power of the degradation rate with which it grows",
+    1.0,
+)
+"""Of what the soil does at a pace of its own: sooner than the gel degrades, or later."""
 
 Effect = Mapping[str, Floats]
 """Values of a cause's parameters by their short names, shaped to broadcast (walkers, 1, 1)."""
@@ -194,6 +202,19 @@ class StrengthConditions:
     degradation: Floats
     humidity: Floats
     film_slope: Floats
+
+
+def grown(conditions: Conditions, effect: Effect) -> Floats:
+    """Return (D/25 %)^n, the share of its size that an effect with `GROWTH` has come to.
+
+    Examples
+    --------
+    >>> at = Conditions(pressure=np.zeros((1, 1)), degradation=np.array([[12.5]]))
+    >>> float(grown(at, {"growth": np.array(2.0)})[0, 0])
+    0.25
+    """
+    share: Floats = (conditions.degradation / REFERENCE_DEGRADATION) ** effect["growth"]
+    return share
 
 
 def scaled_stiffness(inputs: Inputs, factor: Floats) -> Inputs:

@@ -36,16 +36,15 @@ from dataclasses import replace
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_degraded
-from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
-from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
+from bayesdeg.causes.cause import GROWTH, Cause, Conditions, Effect, Stage, grown
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 NOMINAL_WALL = 2.0  # mm, as moulded
 
 
 def thin_walls(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs with e · 2 mm · (D/25 %)^n, scaled to the part, lost from exposed faces."""
-    grown = (conditions.degradation / REFERENCE_DEGRADATION) ** effect["growth"]
-    share = effect["lost_share"] * grown
+    share = effect["lost_share"] * grown(conditions, effect)
     lost = share * NOMINAL_WALL * inputs.linear_scale
     return replace(inputs, erosion=lost + (0.0 if inputs.erosion is None else inputs.erosion))
 
@@ -61,13 +60,7 @@ CAUSE = Cause(
             "share of a 2 mm wall that is lost at a degradation rate of 25 %",
             0.0,
         ),
-        Parameter(
-            "growth",
-            LogNormal(1.0, 0.5),
-            "–",
-            "power of the degradation rate with which it grows",
-            1.0,
-        ),
+        GROWTH,
     ),
     mechanism="exposed walls lose thickness to the soil, which the simulation does not know",
     typical={"lost_share": 0.1, "growth": 1.0},

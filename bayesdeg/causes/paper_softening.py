@@ -34,14 +34,13 @@ import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_degraded, without_membrane
-from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effect, Stage
-from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
+from bayesdeg.causes.cause import GROWTH, Cause, Conditions, Effect, Stage, grown
+from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def soften_paper(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs with the paper's stiffness times exp(−a (D/25 %)^n)."""
-    grown = (conditions.degradation / REFERENCE_DEGRADATION) ** effect["growth"]
-    exponent = effect["softening"] * grown
+    exponent = effect["softening"] * grown(conditions, effect)
     return replace(inputs, paper_stiffness=inputs.paper_stiffness * np.exp(-exponent))
 
 
@@ -56,13 +55,7 @@ CAUSE = Cause(
             "ln of fresh over degraded stiffness of the paper at a degradation rate of 25 %",
             0.0,
         ),
-        Parameter(
-            "growth",
-            LogNormal(1.0, 0.5),
-            "–",
-            "power of the degradation rate with which it grows",
-            1.0,
-        ),
+        GROWTH,
     ),
     mechanism="the paper on the bottom softens in the wet soil and stretches",
     typical={"softening": 1.5, "growth": 1.0},
