@@ -25,7 +25,10 @@ GROWTH = Parameter(
     "power of the degradation rate with which it grows",
     1.0,
 )
-"""Of what the soil does at a pace of its own: sooner than the gel degrades, or later."""
+"""Of what the soil does at a pace of its own: sooner than the gel degrades, or later.
+
+What goes on at a constant rate, while the degradation rate tends to some 30 %, is as n = 1.4 to
+2.1, and what water does within hours as n near 0: 90 % of the prior lie between 0.44 and 2.3."""
 
 Effect = Mapping[str, Floats]
 """Values of a cause's parameters by their short names, shaped to broadcast (walkers, 1, 1)."""
@@ -205,7 +208,18 @@ class StrengthConditions:
 
 
 def grown(conditions: Conditions, effect: Effect) -> Floats:
-    """Return (D/25 %)^n, the share of its size that an effect with `GROWTH` has come to.
+    """Return (D/25 %)^n, the share of its size that an effect with `GROWTH` has come to [–].
+
+    Parameters
+    ----------
+    conditions : Conditions
+        With degradation rates D [%].
+    effect : mapping
+        With n as ``growth``, shape (walkers, 1, 1).
+
+    Returns
+    -------
+    array, shape (walkers, n_specimens, 1)
 
     Examples
     --------

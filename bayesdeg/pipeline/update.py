@@ -330,7 +330,7 @@ def refuse_beyond(studies: tuple[Study, Study], model: JointModel, name: str) ->
     studies : (Study, Study)
         Before and after the new rows.
     model : JointModel
-        The run's base model, of whichever tests.
+        The run's base model, whose tests of actuators are replaced by theirs.
     name : str
         Of the file they are from.
 
@@ -340,9 +340,10 @@ def refuse_beyond(studies: tuple[Study, Study], model: JointModel, name: str) ->
         With a fault for each specimen: a run sets such readings aside before any model is fitted,
         in a finished one each model would be pulled by how far its own curves go.
     """
-    before, after = (_beyond(study, model) for study in studies)
+    before, after = studies
+    beyond = _beyond(after, model)
     pressures: dict[str, list[str]] = {}
-    for specimen, pressure, *_ in sorted(after - before):
+    for specimen, pressure, *_ in sorted(beyond - _beyond(before, model) if beyond else ()):
         pressures.setdefault(specimen, []).append(f"{pressure:g}")
     if pressures:
         raise StudyError([_out_of_reach(name, *item) for item in pressures.items()])
