@@ -14,8 +14,8 @@ Typical size
     e = 0.05–0.15: curvature +11 … +36 % at 25 % (8–30 % were estimated from 21 % of lost mass).
     The emulator is trained up to 0.4 mm, e (D/25 %)^n = 0.2, which is where the prior ends. That
     takes 20.5 % of the default actuator's gel. Eq. 6 would take more if all that is lost left from
-    the exposed faces: its 21–25 % of dry mass are e = 0.21–0.25, with their water 0.31. A size at the
-    end of the prior says so; what is lost evenly is ``degraded_shrinkage``, within its range.
+    the exposed faces: its 21–25 % of dry mass are e = 0.21–0.25, with their water 0.31. A size at
+    the end of the prior says so; what is lost evenly is ``degraded_shrinkage``, within its range.
     Faces that are eaten at a constant rate, while the degradation rate tends to some 30 %, lose
     thickness as with n = 1.4 to 2.1.
 
