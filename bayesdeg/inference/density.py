@@ -172,6 +172,18 @@ def continued(density: Density) -> Callable[[Floats], Floats]:
     return density.log_prob
 
 
+def log_ratio(above: Floats, below: Floats) -> Floats:
+    """Return ln(p/q) from ln p and ln q; nan where both densities are 0, which is no warning.
+
+    Examples
+    --------
+    >>> log_ratio(np.array([-1.0, -np.inf, -np.inf]), np.array([-3.0, -3.0, -np.inf]))
+    array([  2., -inf,  nan])
+    """
+    with np.errstate(invalid="ignore"):
+        return np.subtract(above, below)
+
+
 def factors_of(density: Density, vectors: Floats) -> Factors | None:
     """Return the factors of a density where it says what they are, else None."""
     known = getattr(density, "factors", None)

@@ -250,15 +250,21 @@ class Chain:
         )
 
     def thinned(self, kept: int) -> Self:
-        """Return about ``kept`` evenly spaced draws of each ensemble, one walker column."""
-        ensembles, steps, walkers, size = self.vectors.shape
-        total = steps * walkers
-        take = np.unique(np.linspace(0, total - 1, min(kept, total)).round().astype(np.int64))
-        return replace(
-            self,
-            vectors=self.vectors.reshape(ensembles, total, 1, size)[:, take],
-            log_prob=self.log_prob.reshape(ensembles, total, 1)[:, take],
-        )
+        """Return the whole ensembles of evenly spaced steps, about ``kept`` draws of each ensemble.
+
+        A step is kept with all its walkers: single draws at even spacing would follow the same few
+        walkers through the chain. At least one step is kept.
+        """
+        _, steps, walkers, _ = self.vectors.shape
+        number = min(max(1, round(kept / walkers)), steps)
+        take = np.linspace(steps - 1, 0, number).round().astype(np.int64)[::-1]
+        return replace(self, vectors=self.vectors[:, take], log_prob=self.log_prob[:, take])
+
+    def spread(self, count: int) -> Floats:
+        """Return about ``count`` vectors of the whole chain, (n, n_parameters), as `thinned`."""
+        each = -(-count // len(self.vectors))
+        vectors = self.thinned(each).vectors
+        return vectors.reshape(-1, vectors.shape[-1])
 
 
 Arrays = Mapping[str, NDArray[np.generic]]

@@ -372,10 +372,8 @@ def refused_inputs(fit: Fit) -> dict[str, str]:
     forward = mechanics_of(fit.model.forward)
     if not isinstance(forward, Surrogate):
         return {}
-    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    thinned = vectors[np.linspace(0, len(vectors) - 1, min(DRAWS, len(vectors))).astype(int)]
     listener = Listener(forward)
     model = fit.model.with_world(forward=listener)
-    values = model.table.named(thinned)
+    values = model.table.named(fit.chain.spread(DRAWS))
     model.curvature(values, model.draw_deviation(values, np.random.default_rng(0)))
     return forward.refusals(listener.heard[0])

@@ -601,10 +601,9 @@ def _is_stiffness(one: Aside) -> bool:
 
 def _off_priors(results: Results) -> tuple[QuestionedEntry, ...]:
     fit = results.final
-    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    step = max(1, len(vectors) // DRAWS)
+    vectors = fit.chain.spread(DRAWS)
     absorbed = None if results.judgement is None else results.judgement.absorbed
-    return tuple(_question(one, absorbed) for one in questioned(fit.model, vectors[::step]))
+    return tuple(_question(one, absorbed) for one in questioned(fit.model, vectors))
 
 
 def _question(one: Questioned, absorbed: Absorption | None) -> QuestionedEntry:

@@ -33,6 +33,7 @@ from bayesdeg.emulator.refinement import Refinement, refine
 from bayesdeg.emulator.scaling import Units
 from bayesdeg.emulator.solutions import Run, Solution
 from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.inference.density import log_ratio
 from bayesdeg.observations.curvature import Curvature, inputs_met
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.emulation import Campaign, asked_by, asked_of_model
@@ -131,11 +132,11 @@ def shifts_of(trial: Trial, vectors: Floats, one: Surrogate, other: Surrogate) -
     trial : Trial
         The posterior.
     vectors : array, shape (n, n_parameters)
-        Draws from it, on the unconstrained scale.
+        Draws from it, on the unconstrained scale; those that a map does not answer are left out.
     one, other : Surrogate
         The maps.
     """
-    change = _log_density(trial, vectors, other) - _log_density(trial, vectors, one)
+    change = log_ratio(_log_density(trial, vectors, other), _log_density(trial, vectors, one))
     known = np.isfinite(change)
     centred = vectors[known] - vectors[known].mean(axis=0)
     sd = np.maximum(centred.std(axis=0), np.finfo(float).tiny)

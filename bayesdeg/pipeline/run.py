@@ -335,8 +335,7 @@ def with_counts(results: Results, seed: np.random.SeedSequence, guard: Guard) ->
 
 def _without_causes_of_rupture(fit: Fit) -> tuple[JointModel, Floats]:
     """Return a model without causes that act on rupture alone, and some draws of the rest."""
-    model, vectors = fit.model, fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    vectors = vectors[:: max(1, len(vectors) // COUNT_DRAWS)]
+    model, vectors = fit.model, fit.chain.spread(COUNT_DRAWS)
     shown = tuple(cause for cause in model.causes if not cause.is_of_rupture_alone)
     if shown == model.causes:
         return model, vectors

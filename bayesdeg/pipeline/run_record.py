@@ -54,8 +54,7 @@ def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> li
     """
     if study.summary is None:
         return []
-    flat = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    values = fit.model.table.named(flat[:: max(1, len(flat) // 2000)])
+    values = fit.model.table.named(fit.chain.spread(2000))
     rows: list[ComparisonEntry] = []
     for row in study.summary.to_dict("records"):
         level = np.array([float(row["degradation_pct"])])
@@ -278,8 +277,7 @@ def _checks(study: Study, results: Results) -> dict[str, str]:
     if absorbed is not None:
         said["absorption"] = worded(absorbed, degrades=study.degrades)
     final = results.final
-    flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
-    vendor = vendor_check(study, final.model, flat)
+    vendor = vendor_check(study, final.model, final.chain.spread(DRAWS))
     if vendor is not None:
         said["vendor"] = worded(vendor, degrades=study.degrades)
     return said if results.films is None else said | results.films.sentences()
@@ -318,8 +316,7 @@ def _emulated(results: Results) -> Surrogate | None:
 
 def _outside(fit: Fit) -> float:
     """Return the share of a posterior that lies outside the emulator's range, from some draws."""
-    vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
-    return share_outside(fit.model, vectors[:: max(1, len(vectors) // LOOKED_AT)])
+    return share_outside(fit.model, fit.chain.spread(LOOKED_AT))
 
 
 def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
@@ -497,7 +494,7 @@ def vendor_check(study: Study, model: JointModel, vectors: Floats) -> VendorChec
 
 def _figures(study: Study, model: JointModel, vectors: Floats) -> Iterator[VendorFigure]:
     vendor = study.settings.vendor
-    values = model.table.named(vectors[:: max(1, len(vectors) // DRAWS)])
+    values = model.table.named(vectors)
     if vendor.modulus_100 is not None:
         draws = modulus_100(values, model.constants(values, FRESH), model.causes)[:, 0]
         yield _beside("modulus_100", "kPa", vendor.modulus_100, "datum", draws / MPA)

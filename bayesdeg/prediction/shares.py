@@ -281,8 +281,7 @@ def curvature_shares(
         The columns of ``shares.csv``, a row for each place and source; places at which the
         forward map has no answer for most draws are left out.
     """
-    flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
-    values = model.table.named(flat[_spread_over(len(flat), DRAWS)])
+    values = model.table.named(chain.spread(DRAWS))
     inputs = _inputs(model, values, generator)
     curvature, noises = _readings(model, values, inputs.own, degradation, pressure)
     frames = []
@@ -308,10 +307,6 @@ _FOUND = ("source", "first_order", "total", "share", "sd_per_m", "explained")
 def pressures_of(largest: float) -> Floats:
     """Return pressures at which shares are shown, up to the largest applied [kPa]."""
     return largest * np.array(PLACES)
-
-
-def _spread_over(count: int, wanted: int) -> Indices:
-    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(np.intp))
 
 
 def _inputs(model: JointModel, values: Named, generator: np.random.Generator) -> _Inputs:

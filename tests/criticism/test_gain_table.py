@@ -94,6 +94,14 @@ def test_table_of_scores_by_hand():
     assert table.loc[("base+x", "10"), "elpd"] == pytest.approx(10.0)
 
 
+def test_a_specimen_that_neither_model_answers_leaves_the_gain_unknown():
+    lost = HeldOut(np.array([-1.0, -np.inf]), np.zeros((3, 2)))
+    assert np.all(np.isnan(difference(lost, lost)))
+    gained, error = difference(HeldOut(np.array([-1.0, -2.0]), np.zeros((3, 2))), lost)
+    assert gained == np.inf
+    assert np.isnan(error)
+
+
 def test_coverage_counts_readings_inside_the_interval():
     shape = tight_model().actuator.mask.shape
     inside = np.where(np.arange(shape[1]) < 2, 0.0, 5.0)  # 2 of 8 readings of each specimen

@@ -280,6 +280,12 @@ def test_refits_of_the_real_model_are_those_of_brute_force(brute_force, whole_ch
     assert total < 0.2
 
 
+def test_no_bridge_leads_to_a_specimen_that_no_draw_answers():
+    weights = np.full(10, -np.log(10.0))
+    found = bridge(np.zeros(10), np.full(10, -np.inf), weights, effective=(10.0, 10.0))
+    assert found == (-np.inf, np.inf)
+
+
 def test_the_bridge_is_exact_where_one_end_alone_is_blind():
     """θ ~ N(0, 1) without a reading at 4 ± 0.5: its density is that of N(0, 1 + 0.25)."""
     generator = np.random.default_rng(4)

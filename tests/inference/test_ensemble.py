@@ -13,6 +13,7 @@ import xarray as xr
 from scipy import stats
 
 from bayesdeg.errors import BayesdegError
+from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.importance import Proposal
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate, evidence
 from bayesdeg.inference.model import JointModel
@@ -299,11 +300,32 @@ def test_effective_size_of_a_known_autocorrelation(rho):
 
 def test_thinning_keeps_draws_with_their_densities():
     chain = gaussian_chain()
-    thin = chain.thinned(50)
-    assert thin.vectors.shape == (4, 50, 1, 3)
-    want = stats.multivariate_normal(MEAN, COVARIANCE).logpdf(thin.vectors[:, :, 0])
-    np.testing.assert_allclose(thin.log_prob[:, :, 0], want, rtol=1e-12)
-    assert chain.thinned(10**9).vectors.shape == (4, chain.log_prob[0].size, 1, 3)
+    walkers = chain.vectors.shape[2]
+    thin = chain.thinned(5 * walkers)
+    assert thin.vectors.shape == (4, 5, walkers, 3)
+    want = stats.multivariate_normal(MEAN, COVARIANCE).logpdf(thin.vectors)
+    np.testing.assert_allclose(thin.log_prob, want, rtol=1e-12)
+    assert chain.thinned(10**9).vectors.shape == chain.vectors.shape
+
+
+def test_draws_kept_of_slow_walkers_are_worth_what_the_chain_is():
+    """AR(1) walkers of which every second one hardly moves: 64 walkers, 500 of 6,400 draws."""
+    generator, rho = np.random.default_rng(5), np.where(np.arange(64) % 2, 0.98, 0.9)[:, None]
+    vectors = np.empty((4, 100, 64, 1))
+    vectors[:, 0] = generator.standard_normal((4, 64, 1))
+    for step in range(1, 100):
+        shocks = generator.standard_normal((4, 64, 1))
+        vectors[:, step] = rho * vectors[:, step - 1] + np.sqrt(1.0 - rho**2) * shocks
+    chain = artificial(vectors)
+    density = CustomDensity((Parameter("mean", Normal(0.0, 1.0), "–", "mean"),), np.zeros_like)
+    kept = to_datatree(density, chain.thinned(500), generator)
+    summary = arviz.summary(kept, round_to="none").loc["mean"]
+    assert 1900 < kept["posterior"]["mean"].size < 2100
+    # every draw is another one, of all walkers alike
+    assert len(np.unique(kept["posterior"]["mean"])) == kept["posterior"]["mean"].size
+    assert summary["ess_bulk"] == pytest.approx(chain.effective()[0], rel=0.35)
+    assert summary["r_hat"] == pytest.approx(chain.r_hat()[0], abs=0.01)
+    assert chain.spread(2000).shape == (kept["posterior"]["mean"].size, 1)
 
 
 def test_more_effort_asks_for_more():

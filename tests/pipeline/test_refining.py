@@ -72,6 +72,22 @@ def test_the_shift_of_a_normal_posterior_is_that_of_its_mean():
     np.testing.assert_allclose(found, moved / [1.0, 3.0], atol=5e-3)
 
 
+@dataclass(frozen=True)
+class Bounded(NormalPosterior):
+    """The same, of a map that has no answer beyond two widths."""
+
+    def log_prob(self, vectors):
+        return np.where(np.abs(vectors[:, 0]) < 2.0, super().log_prob(vectors), -np.inf)
+
+
+def test_draws_that_neither_map_answers_are_no_part_of_a_shift():
+    vectors = np.random.default_rng(1).normal(0.0, [1.0, 3.0], (20_000, 2))
+    moved, inside = np.array([0.05, -0.3]), np.abs(vectors[:, 0]) < 2.0
+    found = shifts_of(Bounded(), vectors, np.zeros(2), moved)
+    wanted = shifts_of(NormalPosterior(), vectors[inside], np.zeros(2), moved)
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
 def test_the_shift_is_what_weighting_moves_means_by(posteriors):
     (trial, *_), plain, other = posteriors.trials, emulator(), higher(emulator(), 1e-3)
     vectors = trial.draws(np.random.default_rng(1), 1000)

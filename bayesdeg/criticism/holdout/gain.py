@@ -20,6 +20,7 @@ from scipy.special import ndtri
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.residuals import r_squared
 from bayesdeg.criticism.holdout.held_out import HeldOut, group_levels, standard_error
+from bayesdeg.inference.density import log_ratio
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
 
@@ -112,7 +113,7 @@ def _scores(
     base: HeldOut,
     chosen: NDArray[np.bool_],
 ) -> dict[str, object]:
-    gap = (held_out.log_density - base.log_density)[chosen]
+    gap = log_ratio(held_out.log_density, base.log_density)[chosen]
     return {
         "model": name,
         "degradation_pct": label,

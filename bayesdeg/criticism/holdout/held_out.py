@@ -7,6 +7,7 @@ from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from bayesdeg.inference.density import log_ratio
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate
 from bayesdeg.inference.model import JointModel, blocks_of
@@ -84,7 +85,7 @@ def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
     of its kind, such as a measured mean, has no spread: that of a log ratio g of two normal
     densities that differ in their means is taken, √(2|g|).
     """
-    gap = held_out.log_density - base.log_density
+    gap = log_ratio(held_out.log_density, base.log_density)
     parts = [gap[held_out.kinds == kind] for kind in np.unique(held_out.kinds)]
     if len(parts) == 1:
         return float(np.sum(gap)), standard_error(gap)
@@ -93,8 +94,10 @@ def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
 
 
 def standard_error(values: Floats) -> float:
-    """Return the standard error of a sum over groups; nan for a single one."""
-    return float(np.sqrt(len(values)) * np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+    """Return the standard error of a sum over groups; nan of a single one or an infinite value."""
+    if len(values) < 2 or not np.all(np.isfinite(values)):
+        return float("nan")
+    return float(np.sqrt(len(values)) * np.std(values, ddof=1))
 
 
 def _single_error(gain: float) -> float:

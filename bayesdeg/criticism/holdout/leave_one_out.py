@@ -150,13 +150,16 @@ def bridge(
     Returns
     -------
     log_density, error : float
-        Estimate and its Monte Carlo standard error.
+        Estimate and its Monte Carlo standard error; −inf and inf where no draw without the
+        specimen answers its readings.
 
     Notes
     -----
     Source: Bennett (1976), doi:10.1016/0021-9991(76)90078-4, the optimal bridge of Meng and Wong
     (1996), Statistica Sinica 6, 831.
     """
+    if not np.any(np.isfinite(outside)):  # no draw without the specimen answers its readings
+        return -np.inf, np.inf
     share = np.log(effective) - np.log(sum(effective))
     log_ratio = 0.5 * (float(np.median(inside)) + float(logsumexp(log_weights + outside)))
     for _ in range(STEPS):
