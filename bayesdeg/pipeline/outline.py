@@ -37,7 +37,7 @@ from bayesdeg.observations.specimens import (
     node_name,
 )
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.priors import Law, LogNormal, Parameter, Uniform, check_priors, with_priors
+from bayesdeg.priors import Law, LogNormal, Parameter, Uniform, check_priors, with_least, with_priors
 
 Floats = NDArray[np.float64]
 
@@ -159,7 +159,8 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     base += {p.name: p for one in found for p in one.parameters}.values()
     base += elongation_parameters(elongation_nodes, degrades=degrades) if elongation_nodes else ()
     base += [p for one in found for p in one.error_parameters if emulated]
-    base = [p for p in base if p.name not in _without(study)]
+    least = {name: size for one in found for name, size in one.least(study.digits).items()}
+    base = with_least((p for p in base if p.name not in _without(study)), least)
     candidates, unjudged, alike = _candidates(study, found, limited=bool(elongation_nodes))
     counts = published_counts(study)
     of_counts = _of_counts(study, counts)
