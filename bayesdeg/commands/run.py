@@ -70,6 +70,7 @@ def run(
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
         say(f"in doubt: {why}" for why in doubts_of(document))
+        say(f"not used: {one.sentence}" for one in document.unused)
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")

@@ -21,7 +21,7 @@ from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import AnyDimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
-from bayesdeg.data.unused import Unused, Why, unused_of
+from bayesdeg.data.unused import Unused, Why, at_rest, unused_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
@@ -328,6 +328,12 @@ class Study:
         of_lines = name == "actuator" and self.line_points
         of_others = name == "markers" and self.lines_file != MARKERS_FILE
         return None if of_lines or of_others else self.table(name)
+
+    @property
+    def unused(self) -> tuple[Unused, ...]:
+        """Rows of its files that no likelihood uses."""
+        tables = ((f"{name}.csv", self.given(name)) for name in ("tensile", "actuator", "force"))
+        return (*self.unread, *at_rest(tables))
 
     @property
     def lines_file(self) -> str:

@@ -31,10 +31,11 @@ from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
+from bayesdeg.data.unused import Unused
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
-from bayesdeg.pipeline.aside import FILES, Aside
+from bayesdeg.pipeline.aside import FILES, Aside, unused_rows
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit
@@ -62,6 +63,7 @@ from bayesdeg.report.record import (
     RuptureCountsEntry,
     RuptureEntry,
     SuspectEntry,
+    UnusedEntry,
     VerdictRecord,
 )
 from bayesdeg.report.wording import SPACE, sentences, worded
@@ -485,10 +487,24 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
+    assembly = results.assembly
+    left, whole = assembly.study or study, assembly.whole or study
+    unused = unused_rows(left, whole, (*assembly.beyond, *assembly.aside))
     return InDoubt(
+        unused=tuple(map(_unused, unused)),
         suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),
         with_suspects=_outcome(results.with_suspects),
+    )
+
+
+def _unused(one: Unused) -> UnusedEntry:
+    return UnusedEntry(
+        file=one.file,
+        rows=one.rows,
+        specimens=one.specimens,
+        why=str(one.why),
+        sentence=sentences("run", "unused", one=one),
     )
 
 
