@@ -742,8 +742,8 @@ def at_least(values: FloatArray, least: float) -> FloatArray:
     if least == 0.0:
         return values
     larger = np.maximum(values, least)
-    bounded: FloatArray = (
-        larger * (1.0 + (np.minimum(values, least) / larger) ** SHARPNESS) ** (1.0 / SHARPNESS)
+    bounded: FloatArray = larger * (1.0 + (np.minimum(values, least) / larger) ** SHARPNESS) ** (
+        1.0 / SHARPNESS
     )
     return bounded
 

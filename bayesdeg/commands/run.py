@@ -71,6 +71,8 @@ def run(
         _say_verdict(document, page, virtual=checked.settings.virtual)
         say(f"in doubt: {why}" for why in doubts_of(document))
         say(f"not used: {one.sentence}" for one in document.unused)
+        fits = RunFolder(target).read_run().convergence.items()
+        say(f"not converged, {name}: {one.sentence}" for name, one in fits if not one.usable)
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")

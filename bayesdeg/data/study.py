@@ -118,7 +118,7 @@ def check_table(
         recorded,
         len(cells.rows_in_comments),
         unused_of(table.name, Why.AFTER_BURST, whole.drop(index=cells.texts.index)),
-        {name: least_digit(cells.texts[name]) for name in cells.texts if frame[name].dtype == float},
+        {str(n): least_digit(cells.texts[n]) for n in cells.texts if frame[n].dtype == float},
     )
 
 

@@ -311,7 +311,7 @@ class Observations(Protocol):
         return ()
 
     def least(self, digits: Mapping[str, float]) -> dict[str, float]:
-        """Return the error that rounding leaves, in the unit of each parameter that it bounds below.
+        """Return the error that rounding leaves, for each parameter that it bounds below.
 
         Readings that a model meets exactly would otherwise let its density grow without bound.
 

@@ -37,7 +37,15 @@ from bayesdeg.observations.specimens import (
     node_name,
 )
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.priors import Law, LogNormal, Parameter, Uniform, check_priors, with_least, with_priors
+from bayesdeg.priors import (
+    Law,
+    LogNormal,
+    Parameter,
+    Uniform,
+    check_priors,
+    with_least,
+    with_priors,
+)
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +168,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     base += elongation_parameters(elongation_nodes, degrades=degrades) if elongation_nodes else ()
     base += [p for one in found for p in one.error_parameters if emulated]
     least = {name: size for one in found for name, size in one.least(study.digits).items()}
-    base = with_least((p for p in base if p.name not in _without(study)), least)
+    base = [*with_least((p for p in base if p.name not in _without(study)), least)]
     candidates, unjudged, alike = _candidates(study, found, limited=bool(elongation_nodes))
     counts = published_counts(study)
     of_counts = _of_counts(study, counts)
@@ -389,6 +397,7 @@ def unused(study: Study) -> tuple[str, ...]:
     Examples
     --------
     >>> from pathlib import Path
+    >>> import pandas as pd
     >>> films = pd.DataFrame({"specimen_id": ["a"], "stretch": [1.0], "stress_MPa": [0.0]})
     >>> unused(Study("rubber", Path("rubber"), tensile=films))
     ('1 row of tensile.csv (a): stretch 1 and stress 0, which every material has',)

@@ -41,7 +41,7 @@ from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.films import CourseFit, Films
-from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.judge import Judgement, not_converged, readings_misfit
 from bayesdeg.pipeline.missing import description_entry
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.priors import Parameter
@@ -325,11 +325,16 @@ def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
 
 
 def unjudged_document(
-    unjudged: dict[str, str], held_out: str = "", failed: str = "", *, published: bool = False
+    unjudged: dict[str, str],
+    held_out: str = "",
+    failed: str = "",
+    *,
+    unsettled: str = "",
+    published: bool = False,
 ) -> VerdictRecord:
     """Return the content of ``verdict.json`` where nothing was judged.
 
-    Either the study has no readings to judge, or judging them failed.
+    Either the study has no readings to judge, or judging them failed, or the sampler did.
 
     Parameters
     ----------
@@ -339,10 +344,12 @@ def unjudged_document(
         What is wrong with modes of tension that were predicted only.
     failed : str
         Why judging failed; empty where there was nothing to judge.
+    unsettled : str
+        That the base model has not converged; empty if it has.
     published : bool
         Whether published statistics are shown next to what the model makes of them.
     """
-    facts = {"failed": failed, "held_out": held_out, "published": published}
+    facts = {"failed": failed, "held_out": held_out, "published": published, "unsettled": unsettled}
     return VerdictRecord(
         outcome=Outcome.NOT_JUDGED,
         explanation=sentences("run", "unjudged", **facts),
@@ -417,11 +424,13 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
     if found is not None:
         return found
     unjudged, failed = results.assembly.unjudged, guard.why(OptionalStage.VERDICT)
-    if failed:
-        tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
-        unjudged = tried | unjudged
+    unsettled = not_converged("base model", results.base)
+    why = "the verdict was left out" if failed else "the base model has not converged"
+    if failed or unsettled:
+        unjudged = {cause.name: why for cause in results.assembly.candidates} | unjudged
     shown = bool(results.base.model.statistics)
-    document = unjudged_document(unjudged, note, failed, published=shown)
+    said = "" if unsettled is None else worded(unsettled)
+    document = unjudged_document(unjudged, note, failed, unsettled=said, published=shown)
     counted: tuple[RuptureCountsEntry, ...] = ()
     if results.counts is not None:
         counted = (counts_entry(results.counts, degrades=results.base.model.degrades),)
