@@ -14,7 +14,6 @@ class Why(StrEnum):
     OUTSIDE_RANGE = "outside_stretch_range"
     UNDEFORMED = "undeformed"
     UNLOADED = "unloaded"
-    ALWAYS_ZERO = "always_zero"
     BEYOND_REACH = "beyond_reach"
     SET_ASIDE = "set_aside"
 
