@@ -20,7 +20,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
-from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.outline import outline, unused
 from bayesdeg.pipeline.reading import read_study
 
 
@@ -43,6 +43,7 @@ def check(study: Path) -> None:
         table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
     errors.print(table)
     say(f"in doubt: {doubt}" for doubt in unlikely)
+    say(f"not used: {rows}" for rows in unused(checked))
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
     if plan.has_actuators:

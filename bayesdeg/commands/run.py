@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -69,7 +70,7 @@ def run(
             document, page = add_page(folder, document, guard)
     if not quiet:
         _say_verdict(document, page, virtual=checked.settings.virtual)
-        say(f"in doubt: {why}" for why in doubts_of(document))
+        say(_notices(document, target))
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
@@ -81,6 +82,15 @@ def _doubts(study: Study) -> tuple[Doubt, ...]:
         assemble(study)
         return ()
     return refuse_impossible(doubts(study, outline(study).expected))
+
+
+def _notices(document: VerdictRecord, target: Path) -> Iterator[str]:
+    """Yield what a reader of the verdict should know before it is used."""
+    yield from (f"in doubt: {why}" for why in doubts_of(document))
+    yield from (f"not used: {one.sentence}" for one in document.unused)
+    for name, fit in RunFolder(target).read_run().convergence.items():
+        if not fit.usable:
+            yield f"not converged, {name}: {fit.sentence}"
 
 
 def _say_left_out(guard: Guard, target: Path) -> None:

@@ -12,6 +12,7 @@ from bayesdeg.errors import Fault, nearest
 from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, stem
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_DIGITS = re.compile(r"[+-]?\d*(\.(?P<decimals>\d*))?([eE](?P<exponent>[+-]?\d+))?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 #: In every unit of the contract; 1e9 s are thirty years.
 LARGEST = 1e9
@@ -53,6 +54,27 @@ def read_number(text: str) -> float | tuple[str, str]:
     if NUMBER.match(text):
         return "is not a number", "give the number alone; the unit stands in the header"
     return "is not a number", "give a number with a decimal point"
+
+
+def least_digit(texts: Iterable[str]) -> float:
+    """Return what one more in the last digit amounts to of the cell that is written finest.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        Cells of a column; what is no number does not count.
+
+    Examples
+    --------
+    >>> least_digit(["0.5", "0.250", "", "1e1"]), least_digit(["7", "12"])
+    (0.001, 1.0)
+    """
+    exponents = [
+        int(number["exponent"] or 0) - len(number["decimals"] or "")
+        for number in map(_DIGITS.fullmatch, texts)
+        if number is not None
+    ]
+    return float(f"1e{min(exponents, default=0)}")
 
 
 IN_QUOTES = 'put a name that begins with # in quotation marks, "#1", and it is read as a name'

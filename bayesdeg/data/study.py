@@ -12,7 +12,7 @@ import pandera.pandas as pa
 from bayesdeg.data import readings
 from bayesdeg.data.captures import FILE as CAPTURES_FILE
 from bayesdeg.data.captures import CapturedLine
-from bayesdeg.data.cells import Cells, check_header, read_cells, read_number
+from bayesdeg.data.cells import Cells, check_header, least_digit, read_cells, read_number
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.foreign import translated
 from bayesdeg.data.part import PartError, bending_of, plane_of, read_part
@@ -21,6 +21,7 @@ from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import AnyDimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
+from bayesdeg.data.unused import Unused, Why, at_rest, unused_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 
@@ -50,12 +51,18 @@ class CheckedTable:
         Columns in which the file itself gives at least one cell.
     passed_over : int
         Comments that look like rows of data.
+    unread : tuple of Unused
+        Rows after a burst.
+    digits : mapping of str to float
+        The least digit of each column of numbers, in its unit.
     """
 
     frame: pd.DataFrame
     faults: tuple[Fault, ...]
     recorded: frozenset[str]
     passed_over: int = 0
+    unread: tuple[Unused, ...] = ()
+    digits: Mapping[str, float] = field(default_factory=dict)
 
 
 def check_table(
@@ -97,7 +104,7 @@ def check_table(
     place = Fault(table.name, "", "", cells.header_row)
     names = list(cells.texts.columns)
     blamed = check_header(names, place, required=required, optional=optional)
-    cells = replace(cells, texts=_until_rupture(cells.texts))
+    whole, cells = cells.texts, replace(cells, texts=_until_rupture(cells.texts))
     frame, wrong_cells = _read_columns(cells, table)
     # what a misspelt column holds is unknown, so its default must not stand in for it
     fillable = {name: column for name, column in columns.items() if name not in blamed}
@@ -110,6 +117,8 @@ def check_table(
         _capped((*faults, *blamed.values(), *in_order)),
         recorded,
         len(cells.rows_in_comments),
+        unused_of(table.name, Why.AFTER_BURST, whole.drop(index=cells.texts.index)),
+        {str(n): least_digit(cells.texts[n]) for n in cells.texts if frame[n].dtype == float},
     )
 
 
@@ -269,8 +278,10 @@ class Study:
         Checked tables of further kinds of data by their names.
     line_points : int, optional
         By how many even points each line of ``markers.csv`` was read for the actuators' table.
-    outside_range : int
-        Readings of films that were left out, since they are outside ``stretch_range``.
+    unread : tuple of Unused
+        Rows that were left out when the files were read: after a burst, outside ``stretch_range``.
+    digits : mapping of str to float
+        The least digit of each column of numbers, in its unit.
     photographs : tuple of TracedPhotograph
         What was traced in each of ``photos.csv``, also those that were refused.
     captured : tuple of CapturedLine
@@ -291,7 +302,8 @@ class Study:
     passed_over: Mapping[str, int] = field(default_factory=dict)
     others: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     line_points: int | None = None
-    outside_range: int = 0
+    unread: tuple[Unused, ...] = ()
+    digits: Mapping[str, float] = field(default_factory=dict)
     photographs: tuple[TracedPhotograph, ...] = ()
     captured: tuple[CapturedLine, ...] = ()
 
@@ -316,6 +328,12 @@ class Study:
         of_lines = name == "actuator" and self.line_points
         of_others = name == "markers" and self.lines_file != MARKERS_FILE
         return None if of_lines or of_others else self.table(name)
+
+    @property
+    def unused(self) -> tuple[Unused, ...]:
+        """Rows of its files that no likelihood uses."""
+        tables = ((f"{name}.csv", self.given(name)) for name in ("tensile", "actuator", "force"))
+        return (*self.unread, *at_rest(tables))
 
     @property
     def lines_file(self) -> str:
@@ -562,10 +580,10 @@ def _assemble(
     files: Mapping[str, str],
 ) -> Study:
     frames = {name: table.frame for name, table in tables.items()}
-    outside = 0
+    unread = [one for table in tables.values() for one in table.unread]
     if "tensile" in frames:
         kept = in_range(settings, frames["tensile"])
-        outside = int((~kept).sum())
+        unread += unused_of(files["tensile"], Why.OUTSIDE_RANGE, frames["tensile"][~kept])
         frames["tensile"] = frames["tensile"][kept].reset_index(drop=True)
     own = {name: frame for name, frame in frames.items() if name in TABLES}
     return Study(
@@ -578,7 +596,8 @@ def _assemble(
         passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
         others={name: frame for name, frame in frames.items() if name not in TABLES},
         line_points=None,
-        outside_range=outside,
+        unread=tuple(unread),
+        digits={name: digit for t in tables.values() for name, digit in t.digits.items()},
         photographs=(),
         captured=(),
     )

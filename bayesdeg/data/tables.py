@@ -302,6 +302,11 @@ LARGEST_STRETCH = 50.0
 
 POSITIVE = pa.Check.gt(0.0, error="is not above 0", description="give a number above 0")
 NOT_NEGATIVE = pa.Check.ge(0.0, error="is below 0", description="give 0 or a number above 0")
+NO_VACUUM = pa.Check.ge(
+    0.0,
+    error="is below 0, and actuators under vacuum are not computed",
+    description="remove these rows; where it is the zero of the gauge, give pressures less it",
+)
 PERCENT = pa.Check.le(100.0, error="is above 100 %", description="give a percentage up to 100")
 WHOLE = pa.Check(
     lambda x: x % 1.0 == 0.0, error="is not a whole number", description="give a whole number"
@@ -489,7 +494,7 @@ def of_actuators(read: Mapping[str, pa.Column]) -> dict[str, pa.Column]:
     """Return the columns of a file of tests of actuators at pressures, in which this was read."""
     return {
         **_specimens(),
-        "pressure_kPa": number(),
+        "pressure_kPa": number(NO_VACUUM),
         **read,
         "time_s": number(NOT_NEGATIVE, optional=True),
         "cycle": _whole(POSITIVE, WHOLE, default=1),

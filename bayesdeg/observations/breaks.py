@@ -1,5 +1,6 @@
 """Elongations at break of films."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
@@ -10,7 +11,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.material.degradation import lagrange_weights
 from bayesdeg.material.strength import GUMBEL, draw_scores, score_density
 from bayesdeg.observations.arrays import chosen
-from bayesdeg.observations.kinds import Observations, Parts, Rows, State
+from bayesdeg.observations.kinds import ROUNDING, Observations, Parts, Rows, State
 from bayesdeg.observations.specimens import FilmsAndActuators, elongation_spread, node_name
 
 Floats = NDArray[np.float64]
@@ -94,6 +95,12 @@ class Breaks(Observations):
     @override
     def subset(self, rows: Rows) -> "Breaks":
         return Breaks(self.table.subset(rows))
+
+    @override
+    def least(self, digits: Mapping[str, float]) -> dict[str, float]:
+        """Return that of the scatter of ln elongation, of which the longest has least."""
+        digit = digits.get("elongation_pct", 0.0)
+        return {"elongation_scatter": ROUNDING * digit / float(self.table.elongation.max())}
 
     @override
     def replicated(

@@ -8,6 +8,7 @@ import pandera.pandas as pa
 
 from bayesdeg.data.captures import FILE
 from bayesdeg.data.tables import (
+    NO_VACUUM,
     NOT_NEGATIVE,
     ONE_DEGRADATION,
     WHOLE,
@@ -25,7 +26,7 @@ TABLE = Table(
         of_actuators(
             {"file": text(), **{one: number(NOT_NEGATIVE, WHOLE, optional=True) for one in FRAMES}}
         )
-        | {"pressure_kPa": number(optional=True)},
+        | {"pressure_kPa": number(NO_VACUUM, optional=True)},
         [ONE_DEGRADATION, at_most(*FRAMES, "give the first and the last frame of the hold")],
         name=FILE,
     ),

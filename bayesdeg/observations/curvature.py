@@ -4,7 +4,7 @@ The inner loop goes from predictions to densities of whole specimens in one comp
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, override
@@ -742,6 +742,10 @@ class Curvature(Observations):
     priority: ClassVar[int] = 2
     is_criticised: ClassVar[bool] = True
     uses_forward: ClassVar[bool] = True
+    floors: ClassVar[Mapping[str, str]] = {
+        "curvature_noise_floor": "curvature_per_m",
+        "bend_angle_noise_floor": "bend_angle_deg",
+    }
 
     curves: ActuatorCurves
     of_lines: bool = False

@@ -22,6 +22,7 @@ MPa. So where curvatures are in the study, and the emulator is one that is train
 are those of finite elements with the tip held, `HeldTip`; the beam is for forces alone.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
@@ -157,6 +158,7 @@ class TipForce(ReadAtPressures):
     reading: ClassVar[str] = TIP_FORCE
     column: ClassVar[str] = "tip_force_N"
     output: ClassVar[str] = "tip_force"
+    floors: ClassVar[Mapping[str, str]] = {"force_noise_floor": column}
 
     mould: Dimensions
     recorded: frozenset[str] = frozenset()
@@ -221,6 +223,7 @@ class HeldTip(ReadAtPressures):
     reading: ClassVar[str] = TIP_FORCE
     column: ClassVar[str] = "tip_force_N"
     output: ClassVar[str] = "tip_force"
+    floors: ClassVar[Mapping[str, str]] = {"force_noise_floor": column}
 
     @property
     @override

@@ -22,6 +22,9 @@ Flags = NDArray[np.bool_]
 Labels = NDArray[np.str_]
 Rows = NDArray[np.intp]
 
+ROUNDING = 12.0**-0.5
+"""Standard deviation over the least digit of what is rounded to it: uniform within one digit."""
+
 
 @dataclass(frozen=True)
 class Places:
@@ -282,6 +285,8 @@ class Observations(Protocol):
         What it asks of the forward map beside the shape, as `bayesdeg.actuator.inputs.Inputs`.
     shares : str
         The kind whose specimens' own deviations act on its readings as well; labels are the same.
+    floors : mapping of str to str
+        The constant reading errors by their parameters, and the column that each is of.
     """
 
     name: ClassVar[str]
@@ -293,6 +298,7 @@ class Observations(Protocol):
     beside: ClassVar[bool] = False
     shares: ClassVar[str] = ""
     asks: ClassVar[Asked] = ""
+    floors: ClassVar[Mapping[str, str]] = {}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -303,6 +309,19 @@ class Observations(Protocol):
     def error_parameters(self) -> tuple[Parameter, ...]:
         """What an emulator adds to the posterior where it stands for the mechanics."""
         return ()
+
+    def least(self, digits: Mapping[str, float]) -> dict[str, float]:
+        """Return the error that rounding leaves, for each parameter that it bounds below.
+
+        Readings that a model meets exactly would otherwise let its density grow without bound.
+
+        Parameters
+        ----------
+        digits : mapping of str to float
+            The least digit of columns, where it is known.
+        """
+        known = {name: column for name, column in self.floors.items() if column in digits}
+        return {name: ROUNDING * digits[column] for name, column in known.items()}
 
     def among(self, others: tuple["Observations", ...]) -> "Observations":
         """Return what of it says something of the model that all data of a study need."""

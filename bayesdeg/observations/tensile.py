@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple, override
@@ -14,6 +15,7 @@ from bayesdeg.causes.fold import applied
 from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order
 from bayesdeg.data.study import Study
+from bayesdeg.data.unused import undeformed
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.arrays import chosen, padded
@@ -124,7 +126,7 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
     table = study.tensile
     if table is None:
         return None
-    table = table[table["mode"].isin(study.settings.fit_modes) == fitted]
+    table = table[(table["mode"].isin(study.settings.fit_modes) == fitted) & ~undeformed(table)]
     if table.empty:
         return None
     # by stretch, so that the order of rows does not matter
@@ -411,6 +413,7 @@ class Tensile(Observations):
     priority: ClassVar[int] = 1
     is_criticised: ClassVar[bool] = True
     beside: ClassVar[bool] = True
+    floors: ClassVar[Mapping[str, str]] = {"tensile_noise_floor": "stress_MPa"}
 
     curves: TensileCurves
     by_mode: bool | None = None

@@ -17,6 +17,7 @@ p/C1 and of the paper's stiffness over C1, and only a force has a stress in it.
 Derived here from the linear model of `bayesdeg.observations.noise`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
@@ -86,6 +87,7 @@ class CavityVolume(ReadAtPressures):
     reading: ClassVar[str] = VOLUME
     column: ClassVar[str] = "cavity_volume_ml"
     output: ClassVar[str] = "cavity_volume"
+    floors: ClassVar[Mapping[str, str]] = {"volume_noise_floor": column}
 
     curves: ActuatorCurves | None = None
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.suspects import Oddity, Suspect
 from bayesdeg.data.study import Study
+from bayesdeg.data.unused import Unused, Why, unused_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.kinds import Places
@@ -110,6 +111,29 @@ def is_set_aside(table: pd.DataFrame, aside: Iterable[Aside]) -> NDArray[np.bool
         else:
             found |= specimen.isin(one.specimens).to_numpy()
     return found
+
+
+def unused_rows(study: Study, whole: Study, aside: Iterable[Aside]) -> tuple[Unused, ...]:
+    """Return the rows of a study's files that no likelihood uses.
+
+    Parameters
+    ----------
+    study, whole : Study
+        Without and with what is set aside.
+    aside : iterable of Aside
+        In the order in which they were.
+    """
+    found, left = list(study.unused), {name: whole.table(name) for name in TABLES.values()}
+    of_lines = {"actuator": whole.lines_file} if whole.line_points is not None else {}
+    for one in aside:
+        table = left.get(one.table)
+        if table is None or not one.is_out:
+            continue
+        rows = is_set_aside(table, [one])
+        why = Why.BEYOND_REACH if one.is_without_rows else Why.SET_ASIDE
+        found += unused_of(of_lines.get(one.table, f"{one.table}.csv"), why, table[rows])
+        left[one.table] = table[~rows]
+    return tuple(found)
 
 
 def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:

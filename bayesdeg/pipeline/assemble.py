@@ -30,11 +30,12 @@ from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.files import STUDY_MB, read_bytes
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
+from bayesdeg.observations.kinds import ROUNDING
 from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
 from bayesdeg.pipeline.aside import Aside
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings, probe
 from bayesdeg.pipeline.outline import Outline, outline, stated_priors
-from bayesdeg.priors import Parameter, check_priors, with_priors
+from bayesdeg.priors import Parameter, check_priors, with_least, with_priors
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +161,9 @@ def _assemble_study(study: Study) -> Assembly:
     ]  # fmt: skip
     if unknown:
         raise StudyError(unknown)
-    model = replace(base, base=with_priors(base.base, stated.priors))
+    [read] = own.readings
+    least = {read.parameter_of("error"): ROUNDING * study.digits.get(read.name, 0.0)}
+    model = replace(base, base=with_priors(with_least(base.base, least), stated.priors))
     try_out(study, model, tried)
     absent = (("causes/*.py", "no cause can be named, only a misfit be found"),)
     return Assembly(model, tried, {}, () if tried else absent, own=own)

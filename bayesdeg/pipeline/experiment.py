@@ -306,7 +306,7 @@ class ModelledExperiment:
                 "criticise the calibration of the base model"
             )
         guard, streams, judgement = Guard(), Streams.of(seed), None
-        if can_be_judged(fit.model):
+        if can_be_judged(fit):
             work = partial(judged_fit, progress=progress, executor=executor, guard=guard)
             judgement = work(self.assembly, fit, effort, streams.verdict)
         results = Results(self.assembly, fit, fit, judgement)

@@ -48,6 +48,7 @@ from bayesdeg.criticism.decide.support import (
 from bayesdeg.criticism.decide.verdict import (
     Decision,
     NotComputed,
+    NotConverged,
     decide,
     uncalibrated,
 )
@@ -307,6 +308,14 @@ def readings_misfit(
         residual = trial.subject.observed - trial.linear.prediction - explained
         found.append(float(np.sqrt(np.mean(residual[rows] ** 2))))
     return found[0], found[1]
+
+
+def not_converged(name: str, fit: Fit) -> NotConverged | None:
+    """Return that a calibration may not be judged; None if its sampler has converged."""
+    found = fit.diagnosis
+    if found.is_converged:
+        return None
+    return NotConverged(name, max(found.r_hat), min(found.ess_bulk))
 
 
 def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:

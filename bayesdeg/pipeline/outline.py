@@ -37,7 +37,15 @@ from bayesdeg.observations.specimens import (
     node_name,
 )
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.priors import Law, LogNormal, Parameter, Uniform, check_priors, with_priors
+from bayesdeg.priors import (
+    Law,
+    LogNormal,
+    Parameter,
+    Uniform,
+    check_priors,
+    with_least,
+    with_priors,
+)
 
 Floats = NDArray[np.float64]
 
@@ -159,7 +167,8 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     base += {p.name: p for one in found for p in one.parameters}.values()
     base += elongation_parameters(elongation_nodes, degrades=degrades) if elongation_nodes else ()
     base += [p for one in found for p in one.error_parameters if emulated]
-    base = [p for p in base if p.name not in _without(study)]
+    least = {name: size for one in found for name, size in one.least(study.digits).items()}
+    base = [*with_least((p for p in base if p.name not in _without(study)), least)]
     candidates, unjudged, alike = _candidates(study, found, limited=bool(elongation_nodes))
     counts = published_counts(study)
     of_counts = _of_counts(study, counts)
@@ -373,7 +382,7 @@ def _missing(study: Study) -> tuple[tuple[str, str], ...]:
         for table in TABLES.values()
         if table.cost_in(degrades=study.degrades) and study.table(table.name) is None
     )
-    return (*passed_over(study), *_out_of_range(study), *absent)
+    return (*passed_over(study), *absent)
 
 
 def _sentences(macro: str, **facts: object) -> str:
@@ -382,14 +391,18 @@ def _sentences(macro: str, **facts: object) -> str:
     return str(wording.sentences("run", macro, **facts))
 
 
-def _out_of_range(study: Study) -> tuple[tuple[str, str], ...]:
-    """Say how many readings of films are outside the range of stretch that the study states."""
-    if not study.outside_range or study.settings.stretch_range is None:
-        return ()
-    low, high = study.settings.stretch_range
-    facts = {"count": study.outside_range, "low": low, "high": high}
-    what = _sentences("outside_range", **facts)
-    return ((what, _sentences("outside_range_cost", **facts)),)
+def unused(study: Study) -> tuple[str, ...]:
+    """Say which rows of a study's files no likelihood uses, and why.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import pandas as pd
+    >>> films = pd.DataFrame({"specimen_id": ["a"], "stretch": [1.0], "stress_MPa": [0.0]})
+    >>> unused(Study("rubber", Path("rubber"), tensile=films))
+    ('1 row of tensile.csv (a): stretch 1 and stress 0, which every material has',)
+    """
+    return tuple(_sentences("unused", one=one) for one in study.unused)
 
 
 def unlinked(observations: tuple[Observations, ...]) -> tuple[tuple[str, str], ...]:

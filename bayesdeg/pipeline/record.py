@@ -31,16 +31,17 @@ from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
+from bayesdeg.data.unused import Unused
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
-from bayesdeg.pipeline.aside import FILES, Aside
+from bayesdeg.pipeline.aside import FILES, Aside, unused_rows
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.films import CourseFit, Films
-from bayesdeg.pipeline.judge import Judgement, readings_misfit
+from bayesdeg.pipeline.judge import Judgement, not_converged, readings_misfit
 from bayesdeg.pipeline.missing import description_entry
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.priors import Parameter
@@ -62,6 +63,7 @@ from bayesdeg.report.record import (
     RuptureCountsEntry,
     RuptureEntry,
     SuspectEntry,
+    UnusedEntry,
     VerdictRecord,
 )
 from bayesdeg.report.wording import SPACE, sentences, worded
@@ -323,11 +325,16 @@ def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
 
 
 def unjudged_document(
-    unjudged: dict[str, str], held_out: str = "", failed: str = "", *, published: bool = False
+    unjudged: dict[str, str],
+    held_out: str = "",
+    failed: str = "",
+    *,
+    unsettled: str = "",
+    published: bool = False,
 ) -> VerdictRecord:
     """Return the content of ``verdict.json`` where nothing was judged.
 
-    Either the study has no readings to judge, or judging them failed.
+    Either the study has no readings to judge, or judging them failed, or the sampler did.
 
     Parameters
     ----------
@@ -337,10 +344,12 @@ def unjudged_document(
         What is wrong with modes of tension that were predicted only.
     failed : str
         Why judging failed; empty where there was nothing to judge.
+    unsettled : str
+        That the base model has not converged; empty if it has.
     published : bool
         Whether published statistics are shown next to what the model makes of them.
     """
-    facts = {"failed": failed, "held_out": held_out, "published": published}
+    facts = {"failed": failed, "held_out": held_out, "published": published, "unsettled": unsettled}
     return VerdictRecord(
         outcome=Outcome.NOT_JUDGED,
         explanation=sentences("run", "unjudged", **facts),
@@ -415,11 +424,13 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
     if found is not None:
         return found
     unjudged, failed = results.assembly.unjudged, guard.why(OptionalStage.VERDICT)
-    if failed:
-        tried = {cause.name: "the verdict was left out" for cause in results.assembly.candidates}
-        unjudged = tried | unjudged
+    unsettled = not_converged("base model", results.base)
+    why = "the verdict was left out" if failed else "the base model has not converged"
+    if failed or unsettled:
+        unjudged = {cause.name: why for cause in results.assembly.candidates} | unjudged
     shown = bool(results.base.model.statistics)
-    document = unjudged_document(unjudged, note, failed, published=shown)
+    said = "" if unsettled is None else worded(unsettled)
+    document = unjudged_document(unjudged, note, failed, unsettled=said, published=shown)
     counted: tuple[RuptureCountsEntry, ...] = ()
     if results.counts is not None:
         counted = (counts_entry(results.counts, degrades=results.base.model.degrades),)
@@ -485,10 +496,24 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
         Readings and specimens that are unlikely, and parameters that are calibrated to what their
         priors all but exclude.
     """
+    assembly = results.assembly
+    left, whole = assembly.study or study, assembly.whole or study
+    unused = unused_rows(left, whole, (*assembly.beyond, *assembly.aside))
     return InDoubt(
+        unused=tuple(map(_unused, unused)),
         suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),
         with_suspects=_outcome(results.with_suspects),
+    )
+
+
+def _unused(one: Unused) -> UnusedEntry:
+    return UnusedEntry(
+        file=one.file,
+        rows=one.rows,
+        specimens=one.specimens,
+        why=str(one.why),
+        sentence=sentences("run", "unused", one=one),
     )
 
 

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 import bayesdeg
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.decide.verdict import Decision
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
@@ -42,6 +43,7 @@ from bayesdeg.pipeline.judge import (
     extended_model,
     judge,
     judge_model,
+    not_converged,
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
@@ -162,7 +164,7 @@ def run_study(
     with clock.stage("base"):
         base = fit(assembly.model, "base", seed=seeds.base)
     results = Results(assembly, base, base, None)
-    if can_be_judged(assembly.model):
+    if can_be_judged(base):
         judging = (results, study.settings.effort, fit, forward, seeds, clock)
         results = _judged(*judging, progress=progress, executor=executor, guard=guard)
     if results.judgement is None:
@@ -344,9 +346,9 @@ def _without_causes_of_rupture(fit: Fit) -> tuple[JointModel, Floats]:
     return without, vectors[:, kept]
 
 
-def can_be_judged(model: JointModel) -> bool:
-    """Return whether a study has readings that may show a misfit, such as of actuators or films."""
-    return len(model.places) > 0
+def can_be_judged(base: Fit) -> bool:
+    """Return whether a base model has converged, and has readings that may show a misfit."""
+    return len(base.model.places) > 0 and base.diagnosis.is_converged
 
 
 def with_options(study: Study, effort: Effort | None = None, seed: int | None = None) -> Study:
@@ -465,7 +467,8 @@ def _extend(
     if judgement is None or extended is None:
         return results
     model, start = results.assembly.with_its_counts(extended[0]), extended[1]
-    found = guard.attempt(OptionalStage.EXTENDED, _final, judgement, (model, start), fit, seed)
+    extending = (results.base, judgement, (model, start), fit, seed)
+    found = guard.attempt(OptionalStage.EXTENDED, _final, *extending)
     if found is None:
         return replace(results, judgement=replace(judgement, sampled=False))
     return replace(results, final=found[0], judgement=found[1])
@@ -485,10 +488,16 @@ def _with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) 
 
 
 def _final(
+    base: Fit,
     judgement: Judgement,
     extended: tuple[JointModel, Floats],
     fit: Calibrate,
     seed: np.random.SeedSequence,
 ) -> tuple[Fit, Judgement]:
+    """Return the model to predict with, and the verdict; without causes if it did not converge."""
     final = fit(extended[0], "final", seed=seed, start=extended[1])
+    unsettled = not_converged("model with the causes", final)
+    if unsettled is not None:
+        decision = Decision(Outcome.NOT_JUDGED, (), reasons=(unsettled,))
+        return base, replace(judgement, decision=decision)
     return final, with_sampled_sizes(judgement, final)

@@ -262,6 +262,7 @@ def run_document(
         checks=guard.attempt(OptionalStage.CHECKS_IN_WORDS, _checks, study, results) or {},
         suspects=doubted.suspects,
         parameters_in_question=doubted.parameters_in_question,
+        unused=doubted.unused,
     )
 
 

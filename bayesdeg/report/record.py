@@ -330,9 +330,20 @@ class LeftOutEntry(Record):
     why: Text = ""
 
 
+class UnusedEntry(Record):
+    """Rows of a file that no likelihood uses."""
+
+    file: Text = ""
+    rows: Number = None
+    specimens: Names = ()
+    why: Text = Field(default="", description="the reason, as a key")
+    sentence: Text = ""
+
+
 class InDoubt(Record):
     """What a reader of a verdict should know before it is used."""
 
+    unused: tuple[UnusedEntry, ...] = ()
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     with_suspects: OutcomeEntry | None = Field(default=None, exclude_if=is_absent)
@@ -381,6 +392,7 @@ class VerdictRecord(FileRecord):
     )
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    unused: tuple[UnusedEntry, ...] = Field(default=(), description="rows that no likelihood uses")
     with_suspects: OutcomeEntry | None = Field(
         default=None,
         exclude_if=is_absent,
@@ -653,6 +665,7 @@ class RunRecord(FileRecord):
     checks: Texts = Field(default={}, description="what each check came to, in words")
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    unused: tuple[UnusedEntry, ...] = Field(default=(), description="rows that no likelihood uses")
     posteriors: Texts = Field(default={}, description="SHA-256 of the posteriors")
     update: UpdateEntry | None = Field(
         default=None, exclude_if=is_absent, description="readings that entered since the run"

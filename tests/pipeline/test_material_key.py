@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.data.unused import Why
 from bayesdeg.emulator.scaling import GROUPS
 from bayesdeg.errors import StudyError
 from bayesdeg.material.hyperelastic import Yeoh, nominal_stress
@@ -12,7 +13,7 @@ from bayesdeg.observations.specimens import LEAST_STIFFENING, modulus_100
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.forecast import _model, model_document
-from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.outline import outline, unused
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run_record import vendor_check
 from bayesdeg.priors import LogNormal
@@ -135,15 +136,15 @@ def test_readings_outside_the_range_are_left_out_and_counted(tmp_path):
     text = {"study.toml": keys}
     study = study_in(tmp_path, text)
     assert study.tensile["stretch"].tolist() == [1.2, 1.6, 1.3]
-    assert study.outside_range == 1
-    (said,) = [what for what, _ in outline(study).missing if "stretches outside" in what]
-    assert [number for number in ("1 reading", "1.2 to 1.6") if number not in said] == []
+    (one,) = study.unused
+    assert (one.file, one.why, one.rows) == ("tensile.csv", Why.OUTSIDE_RANGE, 1)
+    (said,) = unused(study)
+    assert [words for words in ("1 row ", "stretch_range") if words not in said] == []
 
 
 def test_without_the_key_nothing_is_left_out(tmp_path):
     study = study_in(tmp_path)
-    assert study.outside_range == 0
-    assert not any("stretches outside" in what for what, _ in outline(study).missing)
+    assert study.unused == ()
 
 
 @pytest.mark.parametrize(

@@ -83,6 +83,15 @@ class NotComputed:
 
 
 @dataclass(frozen=True)
+class NotConverged:
+    """The sampler of a model has not converged, by its largest R̂ and its fewest effective draws."""
+
+    model: str
+    r_hat: float
+    effective: float
+
+
+@dataclass(frozen=True)
 class NothingHeldOut:
     """A single specimen, which cannot confirm a cause."""
 
@@ -163,6 +172,7 @@ type Reason = (
     | LittlePower
     | NotTested
     | NotComputed
+    | NotConverged
     | NothingHeldOut
     | NotPredictedBetter
     | ImplausibleSize

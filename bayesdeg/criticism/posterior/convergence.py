@@ -9,6 +9,13 @@ import numpy as np
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing
 
+LARGEST_R_HAT = 1.2
+"""Above it ensembles contradict each other: the spread between them is two thirds of that within
+one (Gelman and Rubin 1992, doi:10.1214/ss/1177011136). Every effort asks for far less."""
+FEWEST_DRAWS = 50.0
+"""Effective draws below which a mean is off by more than a seventh of its standard deviation, and
+the ends of a 90 % interval rest on two or three draws each."""
+
 
 @dataclass(frozen=True)
 class Convergence:
@@ -46,6 +53,11 @@ class Convergence:
     effort: Effort
     more_helps: bool
     shares: tuple[float, ...] = (1.0,)
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether it may be judged; ``usable`` asks for all that the effort does."""
+        return max(self.r_hat) <= LARGEST_R_HAT and min(self.ess_bulk) >= FEWEST_DRAWS
 
     @property
     def worst(self) -> int:
