@@ -204,7 +204,7 @@ def _decode(content: bytes, file: str) -> str | Fault:
 
 def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
     line, start = 0, 1
-    rows = []
+    rows: list[tuple[int, list[str]]] = []
 
     def lines() -> Iterator[str]:
         nonlocal line

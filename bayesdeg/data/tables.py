@@ -175,7 +175,9 @@ def _back_without_branch(frame: pd.DataFrame) -> pd.Series:
     """Return at which rows pressure goes on falling, in a file that names no unloading."""
     falls = frame["pressure_kPa"] < _previous(frame, "pressure_kPa")
     after = falls.groupby([frame[key] for key in BRANCH]).shift(-1, fill_value=True)
-    return falls & after & ~(frame["branch"] == UNLOADING).any()
+    if (frame["branch"] == UNLOADING).any():
+        return pd.Series(False, index=frame.index)
+    return falls & after
 
 
 def _branch_named(frame: pd.DataFrame) -> pd.Series:
