@@ -15,13 +15,15 @@ from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.photographs import messages
-from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.plausibility import doubts, names_alike, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline, unused
 from bayesdeg.pipeline.reading import read_study
+
+_LABELLED = {"specimen_id": "specimens", "film_id": "films"}
 
 
 def check(study: Path) -> None:
@@ -39,8 +41,8 @@ def check(study: Path) -> None:
     table = Table(title=Text(f"{checked.name}: no faults{doubted}"), title_justify="left")
     for heading in ("file", "rows", "read"):
         table.add_column(heading, justify="right" if heading == "rows" else "left")
-    for name, frame in _tables(checked):
-        table.add_row(name, "–" if frame is None else str(frame), "" if frame else "not there")
+    for name, rows, read in _tables(checked):
+        table.add_row(name, "–" if rows is None else str(rows), read)
     errors.print(table)
     say(f"in doubt: {doubt}" for doubt in unlikely)
     say(f"not used: {rows}" for rows in unused(checked))
@@ -128,13 +130,19 @@ def _check_own(study: Study) -> None:
     table.add_row("parameters", ", ".join(found.model.table.names))
     table.add_row("causes", ", ".join(cause.name for cause in found.candidates) or "none")
     errors.print(table)
+    say(f"in doubt: {doubt}" for doubt in names_alike(study))
     for what, cost in found.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
 
 
-def _tables(study: Study) -> Iterator[tuple[str, int | None]]:
+def _tables(study: Study) -> Iterator[tuple[str, int | None, str]]:
+    """Yield the files of a study with their rows, and how many specimens were read."""
     for name, table in TABLES.items():
         frame = study.given(name)
         read = study.table(name) is not None and frame is None
-        if not read and (frame is not None or table.cost_in(degrades=study.degrades)):
-            yield table.file, None if frame is None else len(frame)
+        if frame is not None:
+            labels = [column for column in ("specimen_id", "film_id") if column in frame]
+            counts = [f"{frame[column].nunique()} {_LABELLED[column]}" for column in labels]
+            yield table.file, len(frame), "".join(counts)
+        elif not read and table.cost_in(degrades=study.degrades):
+            yield table.file, None, "not there"

@@ -125,7 +125,8 @@ def simulate(
 ) -> None:
     """Make a virtual experiment with the study's design, from a fine finite element model.
 
-    The curves take about half a minute each. Volumes of the cavity and blocked tip forces
+    It has the files of data that the study has; of published statistics alone, all of them. The
+    curves take about half a minute each. Volumes of the cavity and blocked tip forces
     (force.csv) are read where the study has them; a force takes a curve more. What was hidden is
     written to truth.json, which no other command opens.
     """

@@ -12,7 +12,7 @@ from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
-from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
+from bayesdeg.data.plausibility import Doubt, doubts, names_alike, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.pipeline.assemble import assemble
@@ -80,7 +80,7 @@ def _doubts(study: Study) -> tuple[Doubt, ...]:
     """Return what is unlikely, and refuse what is impossible before a folder is made."""
     if study.settings.forward is not None:
         assemble(study)
-        return ()
+        return tuple(names_alike(study))
     return refuse_impossible(doubts(study, outline(study).expected))
 
 

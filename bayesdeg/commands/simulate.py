@@ -19,7 +19,12 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_bytes, write_text
-from bayesdeg.laboratory.experiment import VIRTUAL_TABLES, design_of, run_experiment
+from bayesdeg.laboratory.experiment import (
+    VIRTUAL_TABLES,
+    VirtualExperiment,
+    design_of,
+    run_experiment,
+)
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.outline import outline
@@ -65,7 +70,7 @@ def simulate(
             experiment = run_experiment(
                 design_of(template), truth, forward=read, generator=generator, effects=effects
             )
-        made = study_files(experiment, template.settings, provenance=provenance)
+        made = study_files(_filed(template, experiment), template.settings, provenance=provenance)
         for name, text in made.items():
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
@@ -73,6 +78,12 @@ def simulate(
             (out / name).unlink(missing_ok=True)
         _copy_mesh(template, out)
     errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+
+
+def _filed(template: Study, made: VirtualExperiment) -> VirtualExperiment:
+    """Leave out tables that a study does not have, unless it has none, as of statistics alone."""
+    there = {name: one for name, one in made.tables.items() if template.table(name) is not None}
+    return replace(made, tables=there or made.tables)
 
 
 def _truth(template: Study, generator: np.random.Generator | None) -> Truth:

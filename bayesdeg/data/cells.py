@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +15,21 @@ from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, stem
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _DIGITS = re.compile(r"[+-]?\d*(\.(?P<decimals>\d*))?([eE](?P<exponent>[+-]?\d+))?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+#: 1,000.8 and 1 000.8 and 1.000,8.
+THOUSANDS = re.compile(
+    r"(?P<whole>[+-]?[1-9]\d{0,2}(?P<mark>[,.'’\s])\d{3}(?:(?P=mark)\d{3})*)(?:[.,](?P<rest>\d*))?"
+)
+#: One comma before three digits, which may be that of a decimal.
+ONE_COMMA = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+#: Dashes that word processors and spreadsheets put in place of a minus.
+DASH = re.compile("^[\u2010-\u2015\u2212]\\s*(?=[.\\d])")
+#: Written by no keyboard and seen by no reader: zero-width spaces, joiners and marks.
+INVISIBLE = re.compile("[\u00ad\u200b-\u200f\u2060\ufeff]")
+LINE_END = re.compile("\\s*[\r\n\v\f\x85\u2028\u2029]\\s*")
+#: The column of names of files, which are compared with those on the disk.
+AS_ON_DISK = "file"
+#: The first line by which a spreadsheet tells itself the separator.
+SEPARATOR_LINE = re.compile(r'"?sep=.?"?\s*')
 #: In every unit of the contract; 1e9 s are thirty years.
 LARGEST = 1e9
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|na|n/a|null|none|-+|#n/a)", re.IGNORECASE)
@@ -40,12 +56,23 @@ def read_number(text: str) -> float | tuple[str, str]:
     ('is written with a decimal comma', 'write decimals with a point, 0.25')
     >>> read_number("25 %")
     ('is not a number', 'give the number alone; the unit stands in the header')
+    >>> read_number("1,000.8")
+    ('is written with a thousands separator', 'write 1000.8')
     """
     if NUMBER.fullmatch(text):
         value = float(text)
         if abs(value) <= LARGEST:
             return value
         return "is too large for a measured value", f"give a number up to {LARGEST:g}"
+    if DASH.match(text):
+        return "begins with a dash that is no minus sign", f"use -: {DASH.sub('-', text)}"
+    if ONE_COMMA.fullmatch(text):
+        point, whole = text.replace(",", "."), text.replace(",", "")
+        return "is written with a comma", f"write {point}, or {whole} if it separates thousands"
+    if thousands := THOUSANDS.fullmatch(text):
+        whole, rest = re.sub(r"[^\d+-]", "", thousands["whole"]), thousands["rest"]
+        plain = f"{whole}.{rest}" if rest else whole
+        return "is written with a thousands separator", f"write {plain}"
     if DECIMAL_COMMA.fullmatch(text):
         point = text.replace(",", ".")
         return "is written with a decimal comma", f"write decimals with a point, {point}"
@@ -91,7 +118,8 @@ class Cells:
     header_row : int
         Line of the header, counted from 1.
     texts : pandas.DataFrame
-        Cells as they stand but for the blanks around them; the index is the line of the file.
+        Cells without the blanks around them and in the form of `normalised`; the index is the line
+        of the file.
     rows_in_comments : tuple of int
         Lines that begin with ``#``, so that they are comments, but look like rows of data: the
         name of a specimen may begin so.
@@ -103,11 +131,26 @@ class Cells:
     rows_in_comments: tuple[int, ...] = ()
 
 
-def read_cells(content: bytes, file: str) -> tuple[Cells | None, tuple[Fault, ...]]:
+def normalised(text: str) -> str:
+    r"""Return a text in the one form of all that look alike.
+
+    Composed letters (NFC), no invisible characters, a blank for each line end, none at either end.
+
+    Examples
+    --------
+    >>> normalised("A\u200b00a\n"), normalised("gro\u0308sse") == "grösse"
+    ('A00a', True)
+    """
+    return LINE_END.sub(" ", unicodedata.normalize("NFC", INVISIBLE.sub("", text)).strip())
+
+
+def read_cells(
+    content: bytes, file: str, columns: Sequence[str] = ()
+) -> tuple[Cells | None, tuple[Fault, ...]]:
     r"""Split a CSV file into cells.
 
-    Lines that begin with ``#``, blank lines and rows of empty cells carry nothing and are passed
-    over, but counted.
+    Lines that begin with ``#``, blank lines, rows of empty cells and a first line ``sep=,`` carry
+    nothing and are passed over, but counted.
 
     Parameters
     ----------
@@ -115,6 +158,8 @@ def read_cells(content: bytes, file: str) -> tuple[Cells | None, tuple[Fault, ..
         The file as it is on the disk, with or without byte order mark.
     file : str
         Its name, for the faults.
+    columns : sequence of str
+        Names of which the header must have one, so that numbers in their place are no header.
 
     Returns
     -------
@@ -139,7 +184,7 @@ def read_cells(content: bytes, file: str) -> tuple[Cells | None, tuple[Fault, ..
     if not rows:
         return None, (Fault(file, "is empty", "give a header and at least one row of data"),)
     header_row, header = rows[0]
-    wrong = _wrong_header(header, header_row, file)
+    wrong = _wrong_header(header, header_row, file, columns)
     if wrong:
         return None, wrong
     in_comments = _rows_in_comments(text, header, header_row)
@@ -181,18 +226,23 @@ def _decode(content: bytes, file: str) -> str | Fault:
 
 def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
     line, start = 0, 1
-    rows = []
+    rows: list[tuple[int, list[str]]] = []
 
     def lines() -> Iterator[str]:
         nonlocal line
         for raw in io.StringIO(text, newline=""):
             line += 1
             # the reader must see a line for a line, or the count of lines goes astray
-            yield "\n" if raw.startswith("#") else raw
+            skipped = raw.startswith("#") or (line == 1 and SEPARATOR_LINE.fullmatch(raw))
+            yield "\n" if skipped else raw
 
     try:
         for row in csv.reader(lines(), strict=True):
-            cells = [cell.strip() for cell in row]
+            header = rows[0][1] if rows else ()
+            cells = [
+                cell.strip() if AS_ON_DISK in header[i : i + 1] else normalised(cell)
+                for i, cell in enumerate(row)
+            ]
             if any(cells):
                 rows.append((start, cells))
             start = line + 1
@@ -202,12 +252,17 @@ def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
     return rows
 
 
-def _wrong_header(header: list[str], row: int, file: str) -> tuple[Fault, ...]:
+def _wrong_header(
+    header: list[str], row: int, file: str, columns: Sequence[str]
+) -> tuple[Fault, ...]:
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if len(header) == 1 and separator in header[0]:
             problem = f"separates its columns by {name}"
             remedy = "separate columns by commas and write decimals with a point"
             return (Fault(file, problem, remedy, row, value=header[0]),)
+    if columns and not {*header} & {*columns} and any(NUMBER.fullmatch(name) for name in header):
+        remedy = f"begin with a line that names the columns: {', '.join(columns)}"
+        return (Fault(file, "has no header", remedy, row, value=",".join(header)),)
     unnamed = [i for i, name in enumerate(header, start=1) if not name]
     faults = [
         Fault(file, f"has no name above column {i}", "name it or remove it", row) for i in unnamed
@@ -237,7 +292,10 @@ def _assemble(rows: list[tuple[int, list[str]]], file: str) -> tuple[Cells, tupl
 def _ragged(cells: list[str], wanted: int, place: Fault) -> Fault:
     if len(cells) > wanted:
         problem = f"has too many cells: {len(cells)} where the header names {wanted}"
-        remedy = "write decimals with a point and put texts with a comma in quotation marks"
+        remedy = (
+            "write numbers with a decimal point and no thousands separator, and put texts with a "
+            "comma in quotation marks"
+        )
     else:
         problem = f"has too few cells: {len(cells)} where the header names {wanted}"
         remedy = "leave a cell empty, with its comma, where nothing was recorded"
@@ -284,20 +342,17 @@ def check_header(
     ('stress_kPa', 'give it in MPa and name the column stress_MPa')
     """
     required, optional = tuple(required), tuple(optional)
-    listed_first = required or optional
-    if (
-        listed_first
-        and not {*names} & {*required, *optional}
-        and any(NUMBER.fullmatch(name) for name in names)
-    ):
-        remedy = f"begin with a line that names the columns: {', '.join(listed_first)}"
-        fault = Fault(place.file, "has no header", remedy, place.row, value=",".join(names))
-        return {listed_first[0]: fault}
     listed = {*required, *optional}
     there = tuple(listed & set(names))
+    twice = {
+        column: _in_capitals(name, column, place, is_there=True)
+        for column in there
+        for name in names
+        if name != column and name.casefold() == column.casefold()
+    }
     # `stress_MPa_raw` beside `stress_MPa` is the user's own
     unlisted = [name for name in names if name not in listed and not name.startswith(there)]
-    faults = {}
+    faults = twice
     for column in (*required, *optional):
         if column in names:
             continue
@@ -316,6 +371,8 @@ def _blame(
     if not is_required:
         unlisted = [name for name in unlisted if not _is_other_quantity(name)]
     for name in unlisted:
+        if name.casefold() == column.casefold():
+            return _in_capitals(name, column, place, is_there=False)
         if _is_other_unit(name, column):
             problem = "does not name the unit it should"
             remedy = f"give it{wanted} and name the column {column}"
@@ -329,6 +386,16 @@ def _blame(
         remedy = f"add it: {QUANTITIES[column].meaning}{wanted}"
         return Fault(place.file, "is missing", remedy, place.row, column)
     return None
+
+
+def _in_capitals(name: str, column: str, place: Fault, *, is_there: bool) -> Fault:
+    """Refuse a name that is that of a column but for its capitals."""
+    unit = "" if column == column.lower() else " but for the unit"
+    problem = "has other capitals than the column that is read"
+    remedy = f"write it in lower case{unit}: {column}"
+    if is_there:
+        problem, remedy = f"is {column} in other capitals, which is there too", "remove one of them"
+    return Fault(place.file, problem, remedy, place.row, name)
 
 
 def _is_other_quantity(name: str) -> bool:

@@ -7,8 +7,11 @@ of which medians are taken. What no soft actuator can do is a fault; what is mer
 warning, which goes on to stand beside the verdict.
 """
 
+import re
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 
 import numpy as np
 import pandas as pd
@@ -17,6 +20,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.families import MeshDimensions, Mould
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import Study
+from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.priors import Law, LogNormal
 
@@ -104,6 +108,14 @@ CLEAR = 5.0
 #: How far a ratio may be off that of a unit which is named: scatter of specimens and of priors.
 NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
 
+#: Relative width of what the digits of an angle and a curvature leave of their ratio: rows that
+#: leave less show whether one was computed from the other.
+FINE_DIGITS = 0.01
+#: Of numbers that were computed and not rounded.
+ROUNDING = 1e-9
+#: Of lengths that are called the same.
+SAME_LENGTH = 0.005
+
 #: Different readings of a curve that no other specimen has by chance.
 LEAST_ALIKE = 4
 #: Specimens that are compared with one another, each with each; more are taken in parts, by their
@@ -178,6 +190,7 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
             films = film_moduli(trusted)
             found += _bending(study, _Material(expected, films[films["c1"] > 0.0]))
             found += _conditions(study.actuator)
+        found += names_alike(study)
     return tuple(_where_it_stands(doubt, study) for doubt in found)
 
 
@@ -730,15 +743,30 @@ def _bending(study: Study, material: _Material) -> list[Doubt]:
     curves = _curves(study.actuator)
     if not curves:
         return []
+    dead = [c for c in curves if len(c.curvature) > 1 and not c.curvature.any()]
+    curves = [c for c in curves if c not in dead]
+    still = [*_still(dead, impossible=not curves)]
+    if not curves:
+        return still
     beam, length = bending_of_beam(study.settings.dimensions), study.settings.dimensions.length
     length = 1e-3 * length * material.expected.linear_scale  # m, of the part
     against = [*_directions(curves)] or [*_angles(curves, material, beam, length)]
     if against:
-        return against
+        return [*still, *against]
     found = [*_wound(curves, length)] or [*_compliance(curves, material, beam, length)]
     found = found or [*_volumes(study, length)]
     mishaps = (*_duplicates(study.actuator), *_survivors(study.actuator))
-    return [*found, *_odd_actuators(curves), *(mishaps if study.settings.set_aside else ())]
+    found += [] if study.line_points else _computed(study)
+    return [*still, *found, *_odd_actuators(curves), *(mishaps if study.settings.set_aside else ())]
+
+
+def _still(curves: list[_Curve], *, impossible: bool) -> Iterator[Doubt]:
+    """Doubt actuators that did not bend at all."""
+    for curve in curves:
+        problem = f"reads 0 at every pressure, up to {curve.pressure[-1]:g} kPa"
+        remedy = "check its tubing and how it was read, or leave the specimen out"
+        fault = _fault("actuator.csv", curve.name, "curvature_per_m", 0.0, problem, remedy)
+        yield Doubt(fault, impossible, is_alone=not impossible)
 
 
 def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
@@ -801,6 +829,103 @@ def _wrong_angle(curve: _Curve, factor: float, per_pressure: float, length: floa
     )
     place = ("bend_angle_deg", float(curve.angle[-1]))
     return _fault("actuator.csv", curve.name, *place, problem, f"give degrees, {remedy}")
+
+
+def computed_angles(actuator: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return at which rows the bend angle is the curvature times one length, to the last digit.
+
+    That length is the same on all rows, or on those of a specimen. Such an angle was not read: it
+    was computed from the curvature, or the curvature from it.
+
+    Parameters
+    ----------
+    actuator : pandas.DataFrame
+        As in `Study`.
+
+    Returns
+    -------
+    array of bool, shape (n_rows,)
+
+    Examples
+    --------
+    >>> read = pd.DataFrame({"specimen_id": "a", "curvature_per_m": [1.053, 2.131, 4.4, 8.61]})
+    >>> angle = np.rad2deg(0.06 * read["curvature_per_m"]).round(2)
+    >>> computed_angles(read.assign(bend_angle_deg=angle)).all()
+    np.True_
+    >>> computed_angles(read.assign(bend_angle_deg=angle + [0.0, 0.1, 0.0, -0.1])).any()
+    np.False_
+    """
+    lengths = implied_lengths(actuator)
+    both = lengths["least"].notna().to_numpy()
+    if _is_one_length(lengths):
+        return both
+    found = np.zeros(len(lengths), dtype=bool)
+    for _, rows in _rows_of_each(actuator["specimen_id"]):
+        found[rows] = _is_one_length(lengths.iloc[rows])
+    return both & found
+
+
+def implied_lengths(actuator: pd.DataFrame) -> pd.DataFrame:
+    """Return the smallest and largest ratio of angle to curvature [m] that their digits allow."""
+    bend, angle = actuator["curvature_per_m"], actuator["bend_angle_deg"]
+    size, turned = bend.abs(), DEGREE * angle * np.sign(bend)
+    of_bend, of_angle = (
+        one.groupby(actuator["specimen_id"]).transform(_half_digit) for one in (bend, angle)
+    )
+    of_angle = DEGREE * of_angle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most = ((turned + of_angle) / (size - of_bend)).where(size > of_bend, np.inf)
+    least = (turned - of_angle) / (size + of_bend)
+    there = turned.notna()
+    return pd.DataFrame({"least": least.where(there), "most": most.where(there)})
+
+
+def _is_one_length(lengths: pd.DataFrame) -> bool:
+    """Return whether one length is within the digits of all rows, and enough of them are fine."""
+    least, most = lengths["least"].max(), lengths["most"].min()
+    fine = (lengths["most"] - lengths["least"]) <= FINE_DIGITS * lengths["most"].abs()
+    return bool(fine.sum() >= LEAST_ALIKE and 0.0 < least <= most)
+
+
+def _half_digit(values: pd.Series) -> pd.Series:
+    """Return half of the last digit of each number, where all have as many decimals or digits."""
+    digits = [Decimal(repr(float(x))).normalize().as_tuple() for x in values.dropna() if x]
+    if not digits:
+        return pd.Series(0.0, index=values.index)
+    decimals = max(-int(one.exponent) for one in digits)
+    significant = max(len(one.digits) for one in digits)
+    size = values.abs()
+    with np.errstate(divide="ignore"):
+        last: pd.Series = 0.5 * 10.0 ** (np.floor(np.log10(size)) + 1.0 - significant)
+    return last.clip(lower=0.5 * 10.0**-decimals).clip(lower=ROUNDING * size)
+
+
+def _computed(study: Study) -> Iterator[Doubt]:
+    """Doubt angles that were computed from curvatures, or curvatures from angles."""
+    assert study.actuator is not None
+    actuator = study.actuator.reset_index(drop=True)
+    rows = computed_angles(actuator)
+    if not rows.any():
+        return
+    lengths = implied_lengths(actuator)[rows].groupby(actuator["specimen_id"][rows])
+    middle = 500.0 * (lengths["least"].max() + lengths["most"].min())  # mm
+    low, high, stated = middle.min(), middle.max(), study.settings.dimensions.length
+    one = high - low <= SAME_LENGTH * high
+    which = f"{middle.median():.1f} mm" if one else f"{low:.1f} to {high:.1f} mm, by specimen"
+    same = one and abs(middle.median() - stated) <= SAME_LENGTH * stated
+    says = "which study.toml says too" if same else f"where study.toml says {stated:g} mm"
+    angle = actuator["bend_angle_deg"]
+    problem = (
+        f"is curvature_per_m times a length, to the last digit, on {int(rows.sum())} of "
+        f"{int(angle.notna().sum())} rows with an angle: {which}, {says}; one was computed from "
+        "the other, so the curvature alone is used and the angle adds nothing"
+    )
+    remedy = "give the angle that was read, or leave it out"
+    if not same:
+        remedy += "; check the length that one was computed from the other with"
+    yield Doubt(
+        _fault("actuator.csv", None, "bend_angle_deg", angle[rows].iloc[-1], problem, remedy), False
+    )
 
 
 def _log(value: float) -> float:
@@ -1101,6 +1226,41 @@ def _at_rest(actuator: pd.DataFrame) -> Iterator[Doubt]:
         for (_, row), v in zip(wrong.iterrows(), wrong["curvature_per_m"], strict=True)
     ]
     yield from _all(_told(faults, rows["specimen_id"].nunique()), impossible=False)
+
+
+# ---- names
+
+
+def names_alike(study: Study) -> Iterator[Doubt]:
+    """Doubt names of specimens that differ by capitals, blanks, hyphens or zeros alone."""
+    files = {name: table.file for name, table in TABLES.items()}
+    for name in (*TABLES, *study.others):
+        table = study.given(name)
+        column = "film_id" if name in ("moisture", "shrinkage") else "specimen_id"
+        if table is None or column not in table:
+            continue
+        by_form: dict[str, list[str]] = {}
+        for one in dict.fromkeys(table[column].dropna().astype(str)):
+            by_form.setdefault(_plain_name(one), []).append(one)
+        for alike in by_form.values():
+            if len(alike) > 1:
+                others = ", ".join(repr(one) for one in alike[1:])
+                problem = f"is nearly the same name as {others}; they are read as {len(alike)}"
+                remedy = "write the name of a specimen alike on all its rows"
+                place = (None, column, alike[0])
+                yield Doubt(Fault(files.get(name, f"{name}.csv"), problem, remedy, *place), False)
+
+
+def _plain_name(name: str) -> str:
+    """Return what is left of a name without capitals, blanks, hyphens and leading zeros.
+
+    Examples
+    --------
+    >>> _plain_name("A 05-b") == _plain_name("a5B"), _plain_name("1-1") == _plain_name("11")
+    (True, False)
+    """
+    folded = re.sub(r"[\s_-]+", "-", unicodedata.normalize("NFKC", name).casefold())
+    return re.sub(r"(?<!\d)0+(?=\d)", "", re.sub(r"(?<!\d)-|-(?!\d)", "", folded))
 
 
 # ---- words

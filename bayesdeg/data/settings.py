@@ -52,6 +52,8 @@ MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
 LengthUnit = Literal["mm", "cm", "m", "in"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
+#: That of a rate anywhere from 0 to 100 %, 100/√12: nothing is known of it.
+LARGEST_RATE_SD = 29.0
 MODES: tuple[str, ...] = get_args(Mode)
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
 MATERIAL_LAWS: tuple[MaterialLaw, ...] = get_args(MaterialLaw)
@@ -626,6 +628,8 @@ _SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
 _CAUSES = '"all" or a list of names of causes, each once'
 _MODES = f"a list with at least one of {', '.join(MODES)}, each once"
 _POSITIVE, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)]
+_KNOWN_RATE = Annotated[Number, Interval(ge=0.0, le=LARGEST_RATE_SD)]
+_RATE_SD = f"a number not below 0 and up to {LARGEST_RATE_SD:g} [%]"
 _FUNCTION = 'a file of the study and a function in it, "model.py:predict"'
 _INPUTS = "a list of columns of readings.csv, each once"
 _READING = "the column of readings.csv that was read, in quotes"
@@ -708,7 +712,12 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry("constraint", "C2", "a number [kPa]", Number, "constraint_c2"),
     _Entry("constraint", "C3", "a number not below 0 [kPa]", _DEGRADATION, "constraint_c3"),
     *(_recipe(entry.name) for entry in fields(MixtureRecipe)),
-    _Entry("noise", "degradation_sd_pct", "a number not below 0 [%]", _DEGRADATION),
+    _Entry(
+        "noise",
+        "degradation_sd_pct",
+        _RATE_SD,
+        Annotated[Number, Interval(ge=0.0, le=LARGEST_RATE_SD)],
+    ),
     _Entry("causes", "candidates", _CAUSES, Literal["all"] | _Names[str]),
     _Entry("sampling", "effort", f"one of {', '.join(EFFORTS)}", Effort),
     _Entry("tensile", "fit_modes", _MODES, Annotated[_Names[Mode], Len(1)]),

@@ -24,6 +24,7 @@ from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
 from bayesdeg.data.unused import Unused, Why, at_rest, unused_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
+from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, UNLOADING
 
 MARKERS_FILE = "markers.csv"
 #: Tables of what lines of points are read of, and their files.
@@ -32,6 +33,8 @@ OF_LINES = {"photos": PHOTOS_FILE, "captures": CAPTURES_FILE}
 CAUSES = "causes"
 #: So many faults of one kind in one column are told one by one.
 TOLD_ONE_BY_ONE = 5
+#: Of the range of a film's stretches: by so much a reading may fall back while it is loaded.
+LARGEST_SLIP = 0.03
 #: Statistics that speak of degradation or shrinkage, at whatever rate they hold.
 OF_DEGRADATION = ("volume_ratio", "mass_loss_slope")
 
@@ -95,12 +98,12 @@ def check_table(
     >>> print(check_table(content, BREAKS, degradation_sd_pct=1.0).faults[0])
     break.csv, row 3, column elongation_pct, value '2oo': is not a number; give the number alone; the unit stands in the header
     """  # noqa: E501
-    cells, faults = read_cells(content, table.name)
-    if cells is None:
-        return CheckedTable(pd.DataFrame(), faults, frozenset())
     columns = table.columns
     required = [name for name, column in columns.items() if column.required]
     optional = [name for name, column in columns.items() if not column.required]
+    cells, faults = read_cells(content, table.name, required or optional)
+    if cells is None:
+        return CheckedTable(pd.DataFrame(), faults, frozenset())
     place = Fault(table.name, "", "", cells.header_row)
     names = list(cells.texts.columns)
     blamed = check_header(names, place, required=required, optional=optional)
@@ -150,7 +153,7 @@ def _read_column(cells: Cells, column: pa.Column, faults: list[Fault]) -> pd.Ser
         value: object = None if column.dtype.type == "str" else np.nan
         if text == "":
             if not column.nullable:
-                remedy = "give a value; only optional columns may have empty cells"
+                remedy = f"give {_meant(column.name)}, or remove the row"
                 faults.append(_fault(cells, int(str(row)), column.name, "is empty", remedy))
         elif column.dtype.type == "str":
             value = as_named(text)
@@ -162,6 +165,14 @@ def _read_column(cells: Cells, column: pa.Column, faults: list[Fault]) -> pd.Ser
                 faults.append(_fault(cells, int(str(row)), column.name, *number))
         values.append(value)
     return pd.Series(values, index=cells.texts.index, dtype=_while_checked(column))
+
+
+def _meant(column: str) -> str:
+    """Return what belongs in a column, with its unit."""
+    if column not in QUANTITIES:
+        return "a value"
+    meaning, unit = QUANTITIES[column].meaning, QUANTITIES[column].unit
+    return f"the {meaning}" if unit == DIMENSIONLESS else f"the {meaning} [{unit}]"
 
 
 def _while_checked(column: pa.Column) -> type:
@@ -433,6 +444,8 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     faults += [fault for table in checked.values() for fault in table.faults]
     if not faults and "tensile" in checked:
         faults += _absent_modes(settings, checked["tensile"].frame)
+    if not faults and "tensile" in checked:
+        faults += _unloading(checked["tensile"].frame)
     if not faults and settings.stretch_range is not None:
         faults += _empty_range(settings, checked.get("tensile"))
     if not faults and "shrinkage" in checked:
@@ -534,6 +547,45 @@ def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
     problem = "names no mode of which tensile.csv has a curve, so none would be fitted"
     remedy = f"name at least one of {', '.join(there)}, or leave the key out to fit all"
     yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
+
+
+def after_first_loading(tensile: pd.DataFrame) -> pd.Series:
+    """Return which readings of films come after stretch has fallen back by more than noise.
+
+    Tension and compression of a specimen are looked at each by itself, in the order of the file.
+
+    Examples
+    --------
+    >>> rows = {"specimen_id": "a", "mode": "uniaxial", "stretch": [1.0, 2.0, 3.0, 2.0, 2.5]}
+    >>> after_first_loading(pd.DataFrame(rows)).tolist()
+    [False, False, False, True, True]
+    """
+    strain = tensile["stretch"] - 1.0
+    keys = [tensile["specimen_id"], tensile["mode"], strain < 0.0]
+    size = strain.abs().groupby(keys)
+    noise = LARGEST_SLIP * (size.transform("max") - size.transform("min"))
+    peak = size.cummax()
+    fell = (peak - strain.abs() > noise) & (peak - size.transform("first") > noise)
+    return fell.astype(int).groupby(keys).cummax() > 0
+
+
+def _unloading(tensile: pd.DataFrame) -> Iterator[Fault]:
+    """Refuse films that are let back: one curve is fitted to each, that of its first loading."""
+    named = pd.Series(False, index=tensile.index)
+    if "branch" in tensile:
+        named = tensile["branch"].str.casefold() == UNLOADING
+    back = named | after_first_loading(tensile)
+    if not back.any():
+        return
+    counts = tensile.loc[back, "specimen_id"].value_counts(sort=False)
+    which = ", ".join(f"{name}: {count}" for name, count in counts.head(TOLD_ONE_BY_ONE).items())
+    more = len(counts) - TOLD_ONE_BY_ONE
+    which += f" and {more} more specimens" if more > 0 else ""
+    were = "was" if back.sum() == 1 else "were"
+    problem = f"{back.sum()} of {len(back)} rows {were} read after the first loading ({which})"
+    remedy = "unloading and later cycles are not modelled: keep the first loading of each specimen"
+    column = "branch" if named.any() else "stretch"
+    yield Fault("tensile.csv", problem, remedy, None, column)
 
 
 def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[Fault]:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import pandas as pd
 import pandera.pandas as pa
 
-from bayesdeg.data.settings import MODES
+from bayesdeg.data.settings import LARGEST_RATE_SD, MODES
 from bayesdeg.quantities import BRANCHES, COLDEST, HOTTEST, MOUNTS, UNLOADING
 
 BRANCH = ("specimen_id", "cycle", "branch")
@@ -171,7 +171,24 @@ def _previous(frame: pd.DataFrame, column: str) -> pd.Series:
     return frame[column].groupby(keys).ffill().groupby(keys).shift()
 
 
+def _back_without_branch(frame: pd.DataFrame) -> pd.Series:
+    """Return at which rows pressure goes on falling, in a file that names no unloading."""
+    falls = frame["pressure_kPa"] < _previous(frame, "pressure_kPa")
+    after = falls.groupby([frame[key] for key in BRANCH]).shift(-1, fill_value=True)
+    if (frame["branch"] == UNLOADING).any():
+        return pd.Series(False, index=frame.index)
+    return falls & after
+
+
+def _branch_named(frame: pd.DataFrame) -> pd.Series:
+    back = _back_without_branch(frame)
+    # one row speaks for the file
+    return ~back | back.cumsum().gt(1)
+
+
 def _pressure_proceeds(frame: pd.DataFrame) -> pd.Series:
+    if _back_without_branch(frame).any():  # the order of rows is that of no branch then
+        return pd.Series(True, index=frame.index)
     step = frame["pressure_kPa"] - _previous(frame, "pressure_kPa")
     held = (step == 0.0) & (frame["time_s"] > _previous(frame, "time_s"))
     backwards = (step <= 0.0).where(frame["branch"] != UNLOADING, step >= 0.0)
@@ -192,6 +209,14 @@ ONE_DEGRADATION = row_check(
     "give one specimen one degradation rate; another rate is another specimen_id",
     ("specimen_id", "degradation_pct"),
     _one_degradation,
+)
+BRANCH_NAMED = row_check(
+    "pressure_kPa",
+    "falls after it rose, and no row is named unloading",
+    "add a column branch, with loading where pressure rises and unloading where it falls, or "
+    "correct the pressure",
+    (*BRANCH, "pressure_kPa"),
+    _branch_named,
 )
 PRESSURE_PROCEEDS = row_check(
     "pressure_kPa",
@@ -324,6 +349,11 @@ STRETCHABLE = pa.Check.le(
     error=f"is above {LARGEST_STRETCH:g}, which no elastomer bears",
     description="give a ratio of lengths, 1 = undeformed; 150 % of the length is 1.5",
 )
+KNOWN_RATE = pa.Check.le(
+    LARGEST_RATE_SD,
+    error=f"is above {LARGEST_RATE_SD:g} %, the standard error of a rate of which nothing is known",
+    description="give the standard error of degradation_pct in percent, or leave the cell empty",
+)
 MEASURED_RATE = pa.Check.ge(
     LOWEST_DEGRADATION_PCT,
     error=f"is below {LOWEST_DEGRADATION_PCT:g} %, which scatter cannot explain",
@@ -437,7 +467,7 @@ def _specimens() -> dict[str, pa.Column]:
     return {
         "specimen_id": text(),
         "degradation_pct": number(MEASURED_RATE, PERCENT),
-        "degradation_sd_pct": number(NOT_NEGATIVE, optional=True),
+        "degradation_sd_pct": number(NOT_NEGATIVE, KNOWN_RATE, optional=True),
     }
 
 
@@ -518,7 +548,7 @@ ACTUATOR = pa.DataFrameSchema(
     )
     | {"ruptured": _whole(BURST, default=0)},
     [
-        *(ONE_DEGRADATION, PRESSURE_PROCEEDS, TIME_PROCEEDS),
+        *(ONE_DEGRADATION, BRANCH_NAMED, PRESSURE_PROCEEDS, TIME_PROCEEDS),
         *(CURVATURE_RECORDED, SOMETHING_APPLIED),
     ],
     name="actuator.csv",

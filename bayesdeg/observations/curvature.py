@@ -18,6 +18,7 @@ from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.fold import applied
 from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order, recorded_batches
+from bayesdeg.data.plausibility import computed_angles
 from bayesdeg.data.study import Study
 from bayesdeg.observations.arrays import chosen, padded
 from bayesdeg.observations.kinds import (
@@ -156,7 +157,8 @@ class ActuatorCurves:
     bend_angle : array, shape (n_specimens, n_points)
         As read [°].
     angle_mask : array of bool, shape (n_specimens, n_points)
-        Where there is a bend angle; one without a curvature beside it is not used.
+        Where there is a bend angle. One without a curvature is not used, nor one that was computed
+        from it, see `bayesdeg.data.plausibility.computed_angles`.
     recorded, ruptured : array of bool, shape (n_specimens, n_points)
         Rows that are there, and those at whose pressure the specimen burst.
     cycle : array of int, branch : array of str, shape (n_specimens, n_points)
@@ -264,6 +266,9 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
     table = study.actuator
     if table is None:
         return None
+    if study.line_points is None:
+        computed = computed_angles(table)
+        table = table.assign(bend_angle_deg=table["bend_angle_deg"].mask(computed))
     groups = [g for _, g in table.groupby("specimen_id", sort=False)]
     size = max(len(g) for g in groups)
     pressure = padded([g["pressure_kPa"] for g in groups], size, fill=0.0)

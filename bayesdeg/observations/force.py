@@ -37,6 +37,7 @@ from bayesdeg.data.batches import batch_order
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import Study
 from bayesdeg.data.tables import (
+    BRANCH_NAMED,
     ONE_DEGRADATION,
     PRESSURE_PROCEEDS,
     SOMETHING_APPLIED,
@@ -60,7 +61,7 @@ TABLE = Table(
     "force",
     pa.DataFrameSchema(
         of_actuators({"tip_force_N": number()}),
-        [ONE_DEGRADATION, PRESSURE_PROCEEDS, TIME_PROCEEDS, SOMETHING_APPLIED],
+        [ONE_DEGRADATION, BRANCH_NAMED, PRESSURE_PROCEEDS, TIME_PROCEEDS, SOMETHING_APPLIED],
         name="force.csv",
     ),
     supports="tip force against pressure",

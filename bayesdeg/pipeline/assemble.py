@@ -33,7 +33,14 @@ from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.kinds import ROUNDING
 from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
 from bayesdeg.pipeline.aside import Aside
-from bayesdeg.pipeline.formula import Forward, OwnMap, Readings, probe
+from bayesdeg.pipeline.formula import (
+    FOR_ARRAYS,
+    Forward,
+    OwnMap,
+    Readings,
+    is_for_numbers,
+    probe,
+)
 from bayesdeg.pipeline.outline import Outline, outline, stated_priors
 from bayesdeg.priors import Parameter, check_priors, with_least, with_priors
 
@@ -287,7 +294,8 @@ class Code:
         frames = traceback.extract_tb(error.__traceback__)
         rows = [frame.lineno for frame in frames if frame.filename == str(self.path)]
         problem = f"{what}: {type(error).__name__}: {error}"
-        return Fault(self.name, problem, "correct that line", rows[-1] if rows else None)
+        remedy = FOR_ARRAYS if is_for_numbers(error) else "correct that line"
+        return Fault(self.name, problem, remedy, rows[-1] if rows else None)
 
     def watched(self, function: Callable[..., Any], what: str) -> Callable[..., Any]:
         """Return a function whose exceptions name the line of this file."""

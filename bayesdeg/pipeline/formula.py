@@ -4,6 +4,7 @@ Readings are y = f(θ, x) + s a + e: f the forward map, e ~ N(0, σ²) the readi
 specimens differ, one deviation a ~ N(0, 1) of each specimen, which moves all of its readings by s.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,6 +31,11 @@ SHARE_OF_SPREAD = 0.5
 it is then below the error that a model which explains nothing would leave."""
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 PREDICTIVE = 2000  # draws
+#: What Python and numpy say of a function for single numbers that is given arrays.
+_ON_ARRAYS = re.compile(
+    "can be converted to Python scalars|cannot convert the series to|truth value of an? "
+)
+FOR_ARRAYS = "write it for arrays: np.exp for math.exp, np.where for if"
 PROBED = 3  # vectors with which a forward map is tried
 
 
@@ -310,8 +316,24 @@ def probe(model: JointModel) -> None:
     vectors = model.table.sample(np.random.default_rng(0), PROBED + (PROBED in counts))
     try:
         model.expected(vectors)
-    except ValueError as fault:
+    except (ValueError, TypeError) as fault:
+        if is_for_numbers(fault):
+            problem = f"the function fails on arrays ({fault}); {FOR_ARRAYS}"
+            raise BayesdegError(problem) from fault
+        if isinstance(fault, TypeError):
+            raise
         raise BayesdegError(str(fault)) from fault
+
+
+def is_for_numbers(fault: BaseException) -> bool:
+    """Return whether a function fails since it is written for single numbers.
+
+    Examples
+    --------
+    >>> is_for_numbers(TypeError("only 0-dimensional arrays can be converted to Python scalars"))
+    True
+    """
+    return _ON_ARRAYS.search(str(fault)) is not None
 
 
 def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:

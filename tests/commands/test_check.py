@@ -80,3 +80,19 @@ def test_one_actuator_with_ten_times_the_pressure_is_named_and_not_refused(
     assert "1 in doubt" in said
     [line] = [line for line in said.splitlines() if line.startswith("in doubt:")]
     assert "specimen 'A10-2', column pressure_kPa, value '2400'" in line
+
+
+def test_specimens_are_counted_by_file_and_what_looks_alike_is_in_doubt(
+    tmp_path, monkeypatch, capsys
+):
+    def renamed(rows):
+        half = (rows["specimen_id"] == "A00-1") & (rows["pressure_kPa"] > 120.0)
+        return rows.assign(specimen_id=rows["specimen_id"].mask(half, "a00-1"))
+
+    code, said = check("gelatin_actuator", tmp_path, monkeypatch, capsys, actuator=renamed)
+    assert code == 0
+    rows = {line.split()[1]: line.split() for line in said.splitlines() if ".csv" in line}
+    assert rows["actuator.csv"][-3:-1] == ["19", "specimens"]
+    assert rows["moisture.csv"][-3:-1] == ["63", "films"]
+    assert "nearly the same" in said
+    assert "'a00-1'" in said

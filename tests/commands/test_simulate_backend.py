@@ -39,6 +39,7 @@ def command(monkeypatch, tmp_path):
 def test_readings_are_the_same_with_either_backend(command):
     (code, ours), (other, theirs) = command("a"), command("b", "--backend", "scikit-fem")
     assert code == other == 0
+    assert set(ours) == {"study.toml", "truth.json", "actuator.csv", "break.csv", "tensile.csv"}
     lines = [files["actuator.csv"].splitlines() for files in (ours, theirs)]
     assert lines[0][1:] == lines[1][1:]
     assert len(lines[0]) > 2

@@ -128,6 +128,51 @@ SLIPS = {
     "decimal comma without quotes": Slip(
         "break.csv", "209.8", "209,8", 2, None, "b1,0,209,8", "too many cells"
     ),
+    "thousands separator": Slip(
+        "break.csv", "209.8", '"1,209.8"', 2, "elongation_pct", "1,209.8", "write 1209.8"
+    ),
+    "thousands separator without quotes": Slip(
+        "break.csv", "209.8", "1,209.8", 2, None, "b1,0,1,209.8", "no thousands separator"
+    ),
+    "comma that may be either": Slip(
+        "break.csv", "209.8", '"1,209"', 2, "elongation_pct", "1,209", "write 1.209, or 1209"
+    ),
+    "minus sign of a word processor": Slip(
+        "break.csv", "-1.5", "\N{MINUS SIGN}1.5", 3, "degradation_pct", "\N{MINUS SIGN}1.5", "use -"
+    ),
+    "no header, with cells alike": Slip(
+        "tensile.csv",
+        "specimen_id,degradation_pct,mode,stretch,stress_MPa,stress_measure\nt1,0",
+        "t1,0.0",
+        2,
+        None,
+        "t1,0.0,uniaxial,1.0,0.0,nominal",
+        "has no header; begin with a line that names the columns: specimen_id,",
+    ),
+    "header in capitals": Slip(
+        "break.csv", "specimen_id", "SPECIMEN_ID", 1, "SPECIMEN_ID", None, "lower case: specimen_id"
+    ),
+    "capital in a unit's column": Slip(
+        "actuator.csv",
+        "pressure_kPa",
+        "Pressure_kPa",
+        1,
+        "Pressure_kPa",
+        None,
+        "lower case but for the unit: pressure_kPa",
+    ),
+    "column twice but for capitals": Slip(
+        "break.csv",
+        "elongation_pct\nb1,0,209.8\nb2,-1.5,205",
+        "elongation_pct,Elongation_pct\nb1,0,209.8,1\nb2,-1.5,205,1",
+        1,
+        "Elongation_pct",
+        None,
+        "remove one of them",
+    ),
+    "empty degradation rate": Slip(
+        "break.csv", "-1.5", "", 3, "degradation_pct", "", "give the degradation rate"
+    ),
     "too few cells": Slip("break.csv", "b2,-1.5,205", "b2,-1.5", 3, None, "b2,-1.5", "too few"),
     "negative mass": Slip(
         "moisture.csv", "1.02,0.81", "1.02,-0.81", 3, "mass_dry_g", "-0.81", "not above 0"
@@ -184,6 +229,46 @@ SLIPS = {
     ),
     "pressure falls while loading": Slip(
         "actuator.csv", "a1,0,40", "a1,0,10", 4, "pressure_kPa", "10", "direction of its branch"
+    ),
+    "unloading without a branch": Slip(
+        "actuator.csv",
+        GOOD["actuator.csv"],
+        "specimen_id,degradation_pct,pressure_kPa,curvature_per_m\n"
+        "a1,0,20,1.5\na1,0,40,3.1\na1,0,60,5\na1,0,60,5.1\na1,0,40,3.3\na1,0,20,1.6\n"
+        "a2,0,20,1.5\na2,0,40,3.1\na2,0,20,1.6\n",
+        6,
+        "pressure_kPa",
+        "40",
+        "add a column branch",
+    ),
+    "rate hardly known": Slip(
+        "actuator.csv",
+        GOOD["actuator.csv"],
+        "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m\n"
+        "a1,0,60,20,1.5\n",
+        2,
+        "degradation_sd_pct",
+        "60",
+        "nothing is known",
+    ),
+    "unloading film": Slip(
+        "tensile.csv",
+        "t2,5.2,",
+        "t1,0,uniaxial,1.3,0.2,nominal\nt1,0,uniaxial,1.1,0.05,nominal\nt2,5.2,",
+        None,
+        "stretch",
+        None,
+        "2 of 5 rows were read after the first loading (t1: 2)",
+    ),
+    "film that is said to unload": Slip(
+        "tensile.csv",
+        "stress_measure\nt1,0,uniaxial,1.0,0.0,nominal\nt1,0,uniaxial,1.5,0.4,nominal\n"
+        "t2,5.2,,1.5,0.6,cauchy",
+        "branch\nt1,0,uniaxial,1.0,0.0,loading\nt1,0,uniaxial,1.5,0.4,\nt2,0,,1.5,0.6,Unloading",
+        None,
+        "branch",
+        None,
+        "1 of 3 rows was read after the first loading (t2: 1)",
     ),
     "pressure stands still": Slip(
         "actuator.csv", "a1,0,40", "a1,0,20", 4, "pressure_kPa", "20", "direction of its branch"

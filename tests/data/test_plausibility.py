@@ -29,6 +29,7 @@ from bayesdeg.data.plausibility import (
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.errors import StudyError
+from bayesdeg.observations.curvature import actuator_curves
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.priors import LogNormal
 
@@ -511,3 +512,76 @@ def test_one_of_many_specimens_that_is_off_is_found_and_no_other():
         ]
     assert len(found) == 2
     assert all({*named} == {wrong} for wrong, named in found.items())
+
+
+# ---- angles that were computed, actuators that do not bend, names that look alike
+
+
+def with_angle_of(length, digits=2, *, rows=slice(None), error=0.0):
+    """Return the actuators of the gelatin study with the angle of a length [mm] on some rows."""
+    frame = shipped("gelatin_actuator")[0].actuator.copy()
+    angle = np.rad2deg(1e-3 * length * frame["curvature_per_m"])
+    noise = np.random.default_rng(5).normal(0.0, error, len(frame))
+    frame.loc[rows, "bend_angle_deg"] = (angle + noise).round(digits)[rows]
+    return frame
+
+
+@pytest.mark.parametrize("digits", [1, 2, 12])
+@pytest.mark.parametrize(("length", "says"), [(60.0, "says 50 mm"), (50.0, "too")])
+def test_an_angle_computed_from_the_curvature_is_told_with_its_length(length, says, digits):
+    [doubt] = found_in("gelatin_actuator", actuator=with_angle_of(length, digits))
+    assert (doubt.fault.column, doubt.impossible) == ("bend_angle_deg", False)
+    assert f"{length:.1f} mm, " in str(doubt)
+    assert says in str(doubt)
+    assert "curvature alone" in str(doubt)
+
+
+def test_computed_angles_of_some_specimens_are_counted():
+    frame = shipped("gelatin_actuator")[0].actuator
+    rows = frame["specimen_id"] == frame["specimen_id"].iloc[0]
+    [doubt] = found_in("gelatin_actuator", actuator=with_angle_of(60.0, rows=rows))
+    read = frame["bend_angle_deg"].notna() & frame["curvature_per_m"].notna()
+    assert f"on {(rows & read).sum()} of {read.sum()} rows" in str(doubt)
+
+
+def test_angles_read_with_an_error_beyond_their_digits_are_not_taken_for_computed():
+    assert found_in("gelatin_actuator", actuator=with_angle_of(50.0, error=0.05)) == ()
+
+
+def test_a_computed_angle_carries_nothing_in_the_likelihood():
+    study, _ = shipped("gelatin_actuator")
+    angles = actuator_curves(study).angle_mask
+    computed = actuator_curves(replace(study, actuator=with_angle_of(60.0)))
+    assert angles.any()
+    assert not computed.with_angle
+    assert computed.mask.sum() == actuator_curves(study).mask.sum()
+
+
+@pytest.mark.parametrize("count", [1, 2, 12, 17])
+def test_actuators_that_read_nothing_are_named_and_no_other(count):
+    frame = without_angle(shipped("gelatin_actuator")[0].actuator)
+    dead = frame["specimen_id"].unique()[:count]
+    frame.loc[frame["specimen_id"].isin(dead), "curvature_per_m"] = 0.0
+    found = found_in("gelatin_actuator", actuator=frame)
+    assert [one.fault.specimen for one in found] == [*dead]
+    assert all("0 at every pressure" in str(one) for one in found)
+    assert all(one.is_alone and not one.impossible for one in found)
+
+
+def test_where_no_actuator_bends_nothing_is_computed():
+    frame = without_angle(shipped("gelatin_actuator")[0].actuator).assign(curvature_per_m=0.0)
+    with pytest.raises(StudyError, match="0 at every pressure"):
+        refuse_impossible(found_in("gelatin_actuator", actuator=frame))
+
+
+@pytest.mark.parametrize(
+    "other", ["a00-1", "A0-1", "A-00 -1", "\N{FULLWIDTH LATIN CAPITAL LETTER A}00-1"]
+)
+def test_names_that_look_alike_are_told(other):
+    frame = shipped("gelatin_actuator")[0].actuator.copy()
+    half = (frame["specimen_id"] == "A00-1") & (frame["pressure_kPa"] > 120.0)
+    assert half.any()
+    frame.loc[half, "specimen_id"] = other
+    [doubt] = [one for one in found_in("gelatin_actuator", actuator=frame) if "nearly" in str(one)]
+    assert (doubt.fault.value, doubt.impossible) == ("A00-1", False)
+    assert repr(other) in str(doubt)

@@ -116,6 +116,7 @@ material.order = 3
         ("[actuator]\nlength = 20.0", 1, "actuator", None, "in the length"),
         ("[actuator]\nroof = -1.0", 1, "actuator", None, "0, not -1"),
         ("[paper]\nthickness = 0", 2, "paper.thickness", "0", "above 0"),
+        ("[noise]\ndegradation_sd_pct = 60", 2, "noise.degradation_sd_pct", "60", "up to 29"),
         ("[noise]\ndegradation_sd_pct = -1", 2, "noise.degradation_sd_pct", "-1", "not below 0"),
         ("[sampling]\neffort = 'quik'", 2, "sampling.effort", '"quik"', "'quick'"),
         ("[causes]\ncandidates = 'creep'", 2, "causes.candidates", '"creep"', "list of names"),

@@ -320,6 +320,19 @@ def test_a_likely_cause_that_is_not_named_is_not_passed_over_in_silence(probabil
     assert changed(judgement, candidates=(known,)) == told
 
 
+@pytest.mark.parametrize("outcome", [Outcome.ADEQUATE, Outcome.UNEXPLAINED])
+def test_a_threshold_beyond_all_bounds_is_not_given_as_a_number(outcome):
+    judgement = judgement_of(Decision(outcome, ()), p_value=0.004, candidates=())
+    known = replace(OFFSET, probability=0.9, log_bayes_factor=3.0)
+    text, usual = (
+        explain(replace(judgement, candidates=(known,), threshold=threshold), WHERE)
+        for threshold in (7465220.1, 12.5)
+    )
+    assert "7465220" not in text
+    assert "beyond all bounds" in text
+    assert "12.5 that naming" in usual
+
+
 @pytest.mark.parametrize(("lost", "warned"), [(0.04, False), (0.12, True)])
 def test_many_simulated_sets_beyond_the_emulator_are_warned_of(lost, warned):
     judgement = judgement_of(Decision(Outcome.ADEQUATE, ()), p_value=0.5)

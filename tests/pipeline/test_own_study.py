@@ -1,6 +1,7 @@
 """A study folder of one's own forward map: what is read, what is refused and where, and a run."""
 
 import json
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -147,6 +148,21 @@ def test_what_is_wrong_is_told_with_its_place(folder, file, old, new, place):
     told = faults(folder)
     assert place in [(fault.file, fault.row, fault.column) for fault in told]
     assert all(fault.problem and fault.remedy for fault in told)
+
+
+def test_a_function_for_single_numbers_is_to_be_written_for_arrays(folder):
+    changed(folder, "model.py", "def", "import math\ndef")
+    changed(folder, "model.py", 'values["k"][:, None]', 'math.exp(values["k"])')
+    (fault,) = faults(folder)
+    assert (fault.file, fault.row) == ("model.py", 3)
+    assert "for arrays" in fault.remedy
+    readings = bd.Readings({"x": np.arange(1.0, 4.0)}, np.arange(3.0), name="y", unit="mm")
+    with pytest.raises(bd.BayesdegError, match="for arrays"):
+        bd.Model(
+            readings,
+            lambda values, x: math.exp(values["k"]) * x["x"],
+            parameters=[bd.Parameter("k", bd.LogNormal(2, 1), "mm")],
+        )
 
 
 def test_wrong_shapes_name_the_shape_that_is_wanted(folder):
