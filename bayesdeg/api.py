@@ -134,6 +134,12 @@ def calibrate(
     Calibration
         ``.posterior``, ``.summary()``; prints and shows as a table.
 
+    Warns
+    -----
+    UserWarning
+        Where a forward map of your own has no finite answer, and if two calls with the same
+        values differ.
+
     Raises
     ------
     BayesdegError
@@ -154,8 +160,10 @@ def calibrate(
     experiment = _model(model).experiment
     how, number = _effort(effort or experiment.effort), _seed(seed, experiment.seed)
     begun = time.perf_counter()
+    _warn(experiment.said_of_map())
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
         fit = experiment.fit(how, number, show, executor)
+    _warn(experiment.said_of_map(fit))
     return Calibration(model, fit, how, number, round(time.perf_counter() - begun, 2))
 
 

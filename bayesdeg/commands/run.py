@@ -23,7 +23,7 @@ from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
 from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
-from bayesdeg.report.headline import doubts_of, sets_of
+from bayesdeg.report.headline import doubts_of, forward_map_words, sets_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import VerdictRecord
 
@@ -75,11 +75,11 @@ def run(
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
 
 
-def _doubts(study: Study) -> tuple[Doubt, ...]:
+def _doubts(study: Study) -> tuple[Doubt | str, ...]:
     """Return what is unlikely, and refuse what is impossible before a folder is made."""
     if study.settings.forward is not None:
-        assemble(study)
-        return ()
+        answers = assemble(study).answers
+        return () if answers is None else forward_map_words(answers)
     return refuse_impossible(doubts(study, outline(study).expected))
 
 

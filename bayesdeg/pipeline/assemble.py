@@ -7,6 +7,7 @@ import hashlib
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,9 +33,10 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
 from bayesdeg.pipeline.aside import Aside
-from bayesdeg.pipeline.formula import Forward, OwnMap, Readings, probe
+from bayesdeg.pipeline.formula import Forward, OwnMap, Readings, answers_of, probe
 from bayesdeg.pipeline.outline import Outline, outline, stated_priors
 from bayesdeg.priors import Parameter, check_priors, with_priors
+from bayesdeg.report.record import ForwardMapEntry
 
 Floats = NDArray[np.float64]
 
@@ -87,6 +89,11 @@ class Assembly:
     study: Study | None = None
     whole: Study | None = None
     beyond: tuple[Aside, ...] = ()
+
+    @cached_property
+    def answers(self) -> ForwardMapEntry | None:
+        """Where the user's own forward map has no answer, and its noise; asked once."""
+        return None if self.own is None else answers_of(self.model)
 
     @property
     def causes(self) -> tuple[Cause, ...]:

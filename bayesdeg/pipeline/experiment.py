@@ -47,7 +47,7 @@ from bayesdeg.pipeline.lifetime import (
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import Results, in_doubt, verdict_of
+from bayesdeg.pipeline.record import Results, forward_map_of, in_doubt, verdict_of
 from bayesdeg.pipeline.run import (
     Clock,
     Streams,
@@ -65,6 +65,7 @@ from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import NoCheckpoints
+from bayesdeg.report.headline import forward_map_words
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import ModelEntry, VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS
@@ -283,6 +284,13 @@ class ModelledExperiment:
             progress=progress,
             executor=executor,
         )
+
+    def said_of_map(self, fit: Fit | None = None) -> tuple[str, ...]:
+        """Say where the user's own forward map has no answer, at a fit's proposals too."""
+        known = self.assembly.answers
+        if known is not None and fit is not None:
+            known = forward_map_of(Results(self.assembly, fit, fit, None))
+        return () if known is None else forward_map_words(known)
 
     def posterior(self, fit: Fit, effort: Effort, seed: int) -> xr.DataTree:
         """Return the draws that a run folder keeps, with predictions of what was read."""

@@ -255,6 +255,7 @@ def run_document(
         emulator=emulator_entry(results, guard),
         model=None if own else _model_of(results, study),
         forward=own.source if own else "",
+        forward_map=doubted.forward_map,
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,
             name="log-likelihood ratio of a smooth discrepancy",
