@@ -315,17 +315,18 @@ def predict(
     """
     experiment = _calibration(fit).model.experiment
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        number = _seed(seed, fit.seed)
         if experiment.own is not None:
             if x is None or any(one is not None for one in (pressure, degradation, hours)):
                 raise BayesdegError("a model with a forward map of its own is asked at x=...")
             show.stage("predicting")
-            return experiment.predict_own(*asked[:3], _inputs(x))
+            return experiment.predict_own(fit.fit, fit.effort, number, _inputs(x))
         if x is not None:
             raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
-        levels = _levels(fit, degradation, hours, asked[2], show)
-        _warn(experiment.cautions(fit.fit, levels, pressures, conditions))
+        levels = _levels(fit, degradation, hours, number, show)
+        _warn(experiment.cautions(fit.drawn, levels, pressures, conditions))
+        asked = (fit.drawn, number, show)
         return experiment.predict(*asked, pressure=pressures, levels=levels, conditions=conditions)
 
 
@@ -403,8 +404,8 @@ def control(
         raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
-        levels = _levels(fit, degradation, hours, asked[2], show)
+        asked = (fit.drawn, _seed(seed, fit.seed), show)
+        levels = _levels(fit, degradation, hours, asked[1], show)
         table, said = experiment.control(
             *asked,
             curvature=wanted,
@@ -414,7 +415,7 @@ def control(
             beyond=beyond,
         )
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    _warn((*said, *experiment.cautions(fit.fit, levels, set_to, conditions)))
+    _warn((*said, *experiment.cautions(fit.drawn, levels, set_to, conditions)))
     return table
 
 
@@ -479,7 +480,7 @@ def lifetime(
         raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
     duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        asked = (fit.drawn, fit.effort, _seed(seed, fit.seed), show)
         table, said = experiment.lifetime(*asked, duty, times, conditions, beyond=beyond)
     _warn(said)
     return table

@@ -192,13 +192,13 @@ def _judged(
         judgement = guard.attempt(stage, judged, assembly, results.base, effort, seed)
     with clock.stage("extended"):
         results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
-        results = _with_average(results, seeds.averaged, guard)
+        results = with_average(results, seeds.averaged, guard)
     if not assembly.aside or assembly.whole is None:
         return results
     with clock.stage("verdict with suspects"):
         reached = set_aside(assembly.whole, assembly.beyond)
         judging = (reached, forward, seeds.suspects, executor)
-        return _judged_with_suspects(results, *judging, guard)
+        return judged_with_suspects(results, *judging, guard)
 
 
 def _without_suspects(
@@ -210,7 +210,7 @@ def _without_suspects(
         return guard.attempt(stage, without_suspects, study, assembly, forward) or assembly
 
 
-def _judged_with_suspects(
+def judged_with_suspects(
     results: Results,
     whole: Study,
     forward: Surrogate | None,
@@ -472,7 +472,7 @@ def _extend(
     return replace(results, final=found[0], judgement=found[1])
 
 
-def _with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
+def with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
     """Draw over the causes that cannot be told apart, if there are several.
 
     Predictions of actuators are averaged. Of films alone there are none, and those with a forward
