@@ -47,7 +47,7 @@ from bayesdeg.pipeline.judge import (
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.record import Results, in_doubt
-from bayesdeg.pipeline.run_record import run_document
+from bayesdeg.pipeline.run_record import emulated, run_document
 from bayesdeg.pipeline.suspects import without_suspects
 from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
 from bayesdeg.quantities import Effort
@@ -287,6 +287,8 @@ def conclude(
     examined = _begun_examination(study, results, seeds, executor, guard) if full else None
     progress.stage("posteriors")
     write_posteriors(study, files, results, generator)
+    forward = emulated(results)
+    folder.write_emulator(None if forward is None else to_bytes(forward))
     if full:
         checked = partial(check, results.final, seed=seeds.checks, executor=executor)
         with clock.stage("checks"):
