@@ -26,6 +26,7 @@ LAYERS = (
     "cli",
     "commands",
     "api",
+    "training",
     "results",
     "console",
     "pipeline",

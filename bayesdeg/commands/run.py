@@ -7,7 +7,6 @@ from pathlib import Path
 
 from rich.text import Text
 
-from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -26,6 +25,7 @@ from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of, forward_map_words, sets_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import VerdictRecord
+from bayesdeg.training import Manner, emulator_for
 
 
 def run(

@@ -574,8 +574,8 @@ def _known_emulator(study: Study) -> Surrogate:
     found = find_emulator(geometry)
     if found.surrogate is None:
         raise BayesdegError(
-            f"{found.reason}; train one with bayesdeg.emulator(study.geometry), which takes long, "
-            "and give it to Model(study, ...)"
+            f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds what "
+            "`bayesdeg run` trained here, or trains it"
         )
     return found.surrogate
 

@@ -15,10 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg import cli
+from bayesdeg import cli, training
 from bayesdeg.actuator.status import Status
 from bayesdeg.commands import run as run_command
-from bayesdeg.commands import training
 from bayesdeg.emulator import workers
 from bayesdeg.emulator.kept import cached_path, duration
 from bayesdeg.emulator.local import TARGET_OUTSIDE, LocalDesign
@@ -417,7 +416,7 @@ DRIVER = """
 import sys
 from dataclasses import replace
 from bayesdeg import cli
-from bayesdeg.commands import training
+from bayesdeg import training
 from bayesdeg.pipeline import emulation
 from tests.pipeline.tiny_campaign import RECIPE, build
 if __name__ == "__main__":
