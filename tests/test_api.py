@@ -277,9 +277,7 @@ def noisy(values, x):
     return hooke(values, x) + np.random.default_rng().normal(0.0, 0.01, (len(values["k"]), len(x)))
 
 
-@pytest.mark.parametrize(
-    ("forward", "words"), [(cut, "NaN or infinity at"), (noisy, "reading by 0.0")]
-)
+@pytest.mark.parametrize(("forward", "words"), [(cut, "NaN"), (noisy, "by 0.0")])
 def test_a_map_without_answers_or_with_noise_warns(forward, words):
     rough = bd.Readings(FORCE[:4], LENGTH[:4], error=1.0)
     model = bd.Model([rough], forward, parameters=[K])

@@ -608,6 +608,6 @@ def _of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
         raise BayesdegError(
             f"the final model has {', '.join(given)}, and the verdict predicts with "
             f"{', '.join(wanted) or 'no cause'}; calibrate "
-            "model.with_causes(*verdict.predicted_with)"
+            "model.with_verdict(verdict)"
         )
     return with_sampled_sizes(judgement, final)
