@@ -317,4 +317,4 @@ def test_a_run_says_where_its_map_has_no_answer(folder):
     console, page = result.stderr.split(), (out / "index.html").read_text(encoding="utf-8")
     for one in (at_once, said):
         assert f"in doubt: {' '.join(one.split())}" in " ".join(console)
-    assert said.split("\u202f")[0] in page
+    assert said.split(SPACE)[0] in page
