@@ -32,10 +32,11 @@ from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
+from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.films import course_of
-from bayesdeg.pipeline.forecast import Drawn, model_document
+from bayesdeg.pipeline.forecast import Caution, Drawn, model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, extended_model, with_sampled_sizes
 from bayesdeg.pipeline.lifetime import (
@@ -494,9 +495,11 @@ class ModelledExperiment:
     def cautions(
         self, drawn: Drawn, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
     ) -> tuple[str, ...]:
-        """Say where predictions lie outside of what was measured, and what moves nothing."""
+        """Say what is averaged, what lies outside of what was measured, and what moves nothing."""
         ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
+        members = drawn.members if isinstance(drawn, Averaged) else ()
         return (
+            *(str(Caution("averaged", {"members": one})) for one in (members,) if one),
             *forecast.extrapolations(ranges, rates, pressure),
             *forecast.hours_beyond(ranges, levels),
             *forecast.unanswered_conditions(drawn, rates, conditions),
