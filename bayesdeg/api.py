@@ -28,7 +28,7 @@ from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
 from bayesdeg.data.settings import AnyDimensions
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import CACHE, Recipe, refuse_whole_range
+from bayesdeg.emulator.kept import CACHE, duration, refuse_whole_range, rough_seconds
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, write_trained
@@ -44,11 +44,10 @@ from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import EFFORTS, Effort
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict
+from bayesdeg.training import RECIPE, STORE, Manner, emulator_for
 
 Floats = NDArray[np.float64]
 Causes = Literal["all"] | str | Iterable[Cause | str]
-
-CAMPAIGN = Path(".cache/campaign")
 
 
 def emulator(
@@ -60,13 +59,15 @@ def emulator(
 ) -> Surrogate:
     """Return an emulator of an actuator: shipped, trained here before, or trained now.
 
-    Training solves some hundred finite element curves, which takes from half an hour to hours;
-    what is solved is kept in ``.cache/campaign``, so that an interrupted training goes on.
+    Of a study it is trained where the study lies, as by ``bayesdeg run``, in minutes; each finds
+    what the other trained. Of dimensions alone it is trained over the whole range of materials and
+    causes, which takes hours. What is solved is kept in ``.cache/campaign``, so that an interrupted
+    training goes on.
 
     Parameters
     ----------
-    geometry : Dimensions, Geometry or Study
-        The actuator as moulded, such as ``study.geometry``.
+    geometry : Study, Dimensions or Geometry
+        A study, or an actuator as moulded, such as ``study.geometry``.
     cache : Path
         Folder of trained emulators.
     workers : int, optional
@@ -79,6 +80,11 @@ def emulator(
     Surrogate
         Callable with inputs; it refuses to extrapolate.
 
+    Warns
+    -----
+    UserWarning
+        Before an emulator of dimensions alone is trained: how long that takes.
+
     Raises
     ------
     GeometryError
@@ -86,14 +92,35 @@ def emulator(
     BayesdegError
         If it is an actuator that no emulator can be trained for.
     """
-    shape = _moulded(geometry)
+    if isinstance(geometry, Study) and geometry.actuator is not None:
+        wanted = can_show_bars() if progress is None else progress
+        manner = Manner(yes=True, quiet=not wanted, cache=Path(cache))
+        with _work(progress, workers, parallel=True) as (_, executor):
+            of_study = emulator_for(geometry, None, manner=manner, executor=executor)
+        assert of_study is not None
+        return of_study
+    return _of_whole_range(_moulded(geometry), Path(cache), workers, progress)
+
+
+def _of_whole_range(
+    shape: Moulded, cache: Path, workers: int | None, progress: bool | None
+) -> Surrogate:
+    """Return an emulator of the whole range, which is trained if there is none yet."""
     refuse_whole_range(shape)
-    found = find(shape, cache=Path(cache))
+    found = find(shape, recipe=RECIPE, cache=cache)
     if found.surrogate is not None:
         return found.surrogate
     with _work(progress, workers, parallel=True) as (show, executor):
-        campaign = Campaign(shape, Recipe(), SolutionStore(CAMPAIGN), executor)
-        trained = train_emulator(campaign, expect(campaign, show), show)
+        campaign = Campaign(shape, RECIPE, SolutionStore(STORE), executor)
+        expectation = expect(campaign, show)
+        study = rough_seconds(shape.dimensions, shape.constraint, workers=campaign.workers)
+        _warn(
+            [
+                f"training over the whole range takes {duration(expectation.seconds)}; of a study, "
+                f"bayesdeg.emulator(study) trains where the study lies, {duration(study)}"
+            ]
+        )
+        trained = train_emulator(campaign, expectation, show)
     write_trained(found.path, trained)
     return trained
 
@@ -134,6 +161,12 @@ def calibrate(
     Calibration
         ``.posterior``, ``.summary()``; prints and shows as a table.
 
+    Warns
+    -----
+    UserWarning
+        Where a forward map of your own has no finite answer, and if two calls with the same
+        values differ.
+
     Raises
     ------
     BayesdegError
@@ -154,8 +187,10 @@ def calibrate(
     experiment = _model(model).experiment
     how, number = _effort(effort or experiment.effort), _seed(seed, experiment.seed)
     begun = time.perf_counter()
+    _warn(experiment.said_of_map())
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
         fit = experiment.fit(how, number, show, executor)
+    _warn(experiment.said_of_map(fit))
     return Calibration(model, fit, how, number, round(time.perf_counter() - begun, 2))
 
 
@@ -307,17 +342,18 @@ def predict(
     """
     experiment = _calibration(fit).model.experiment
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        number = _seed(seed, fit.seed)
         if experiment.own is not None:
             if x is None or any(one is not None for one in (pressure, degradation, hours)):
                 raise BayesdegError("a model with a forward map of its own is asked at x=...")
             show.stage("predicting")
-            return experiment.predict_own(*asked[:3], _inputs(x))
+            return experiment.predict_own(fit.fit, fit.effort, number, _inputs(x))
         if x is not None:
             raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
-        levels = _levels(fit, degradation, hours, asked[2], show)
-        _warn(experiment.cautions(fit.fit, levels, pressures, conditions))
+        levels = _levels(fit, degradation, hours, number, show)
+        _warn(experiment.cautions(fit.drawn, levels, pressures, conditions))
+        asked = (fit.drawn, number, show)
         return experiment.predict(*asked, pressure=pressures, levels=levels, conditions=conditions)
 
 
@@ -395,8 +431,8 @@ def control(
         raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
-        levels = _levels(fit, degradation, hours, asked[2], show)
+        asked = (fit.drawn, _seed(seed, fit.seed), show)
+        levels = _levels(fit, degradation, hours, asked[1], show)
         table, said = experiment.control(
             *asked,
             curvature=wanted,
@@ -406,7 +442,7 @@ def control(
             beyond=beyond,
         )
     set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    _warn((*said, *experiment.cautions(fit.fit, levels, set_to, conditions)))
+    _warn((*said, *experiment.cautions(fit.drawn, levels, set_to, conditions)))
     return table
 
 
@@ -471,7 +507,7 @@ def lifetime(
         raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
     duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.fit, fit.effort, _seed(seed, fit.seed), show)
+        asked = (fit.drawn, fit.effort, _seed(seed, fit.seed), show)
         table, said = experiment.lifetime(*asked, duty, times, conditions, beyond=beyond)
     _warn(said)
     return table

@@ -15,9 +15,8 @@ import typer
 import bayesdeg
 from bayesdeg import signals
 from bayesdeg.commands.interface import COMMANDS
-from bayesdeg.commands.options import Stopped
 from bayesdeg.console import errors
-from bayesdeg.errors import BayesdegError, ResumableError, StudyError
+from bayesdeg.errors import BayesdegError, ResumableError, Stopped, StudyError
 from bayesdeg.files import no_room, reason
 
 app = typer.Typer(

@@ -65,6 +65,10 @@ class ResumableError(BayesdegError):
     """What stopped the work from outside: nothing is lost, and the same command goes on."""
 
 
+class Stopped(Exception):  # noqa: N818 - it is not an error
+    """The user stopped a command, which can be resumed; the message says what stays and how."""
+
+
 class StudyError(BayesdegError):
     """All faults of a study, reported together.
 

@@ -17,6 +17,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.experiment import Judged, ModelledExperiment
+from bayesdeg.pipeline.forecast import Drawn
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
 from bayesdeg.pipeline.update import UpdatedRun
 from bayesdeg.priors import Parameter
@@ -141,6 +142,33 @@ class Model:
         active = {cause.name: cause for cause in self.experiment.causes}
         return replace(self, causes=tuple((active | found).values()))
 
+    def with_verdict(self, verdict: "Verdict") -> Self:
+        """Return the model that ``bayesdeg run`` predicts with after this verdict.
+
+        Its causes are ``verdict.predicted_with``, which includes a cause of rupture that published
+        counts show. Predictions of its calibration are averaged over all sets of causes that the
+        verdict could not tell apart, as those of the command are.
+
+        Parameters
+        ----------
+        verdict : Verdict
+            Of this model.
+
+        Raises
+        ------
+        BayesdegError
+            If the verdict is of another model.
+        """
+        if verdict.model is not self:
+            raise BayesdegError(
+                "the verdict is of another model; call with_verdict on the model that was judged, "
+                "verdict.model"
+            )
+        found = self.with_causes(*verdict.predicted_with)
+        judgement = verdict.judged.judgement
+        object.__setattr__(found, "experiment", replace(found.experiment, judgement=judgement))
+        return found
+
     def __repr__(self) -> str:
         """Return what it is of, and its parameters."""
         names = ", ".join(p.name for p in self.experiment.density.table.parameters)
@@ -174,6 +202,11 @@ class Calibration:
     def posterior(self) -> xr.DataTree:
         """Draws by name as an arviz ``DataTree``, with ``log_likelihood`` of whole specimens."""
         return self.model.experiment.posterior(self.fit, self.effort, self.seed)
+
+    @cached_property
+    def drawn(self) -> Drawn:
+        """Draws from which actuators are predicted, as a run folder keeps them."""
+        return self.model.experiment.drawn(self.fit, self.effort, self.seed)
 
     @property
     def log_evidence(self) -> float:

@@ -39,7 +39,6 @@ from bayesdeg.actuator.curve import CurveSolution, ExactMap
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import Resolution
-from bayesdeg.commands.training import LOCAL, Manner, emulator_for
 from bayesdeg.console import errors
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.campaign import complete, local_terms
@@ -54,6 +53,7 @@ from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.pipeline.emulation import asked_of
 from bayesdeg.pipeline.refinement import posteriors_of
+from bayesdeg.training import LOCAL, Manner, emulator_for
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]

@@ -50,7 +50,7 @@ import sys
 from dataclasses import replace
 from tests.pipeline.tiny_campaign import RECIPE, build
 from bayesdeg import cli
-from bayesdeg.commands import training
+from bayesdeg import training
 from bayesdeg.pipeline import emulation
 more = replace(RECIPE, coarse_runs=24, fine_runs=8)
 training.RECIPE, training.LOCAL, emulation.build = more, lambda _: more, build

@@ -38,13 +38,13 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import COARSE
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.catalogue import find
-from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Truth, drawn_truth
+from bayesdeg.training import Manner, emulator_for
 
 Json = dict[str, object]
 

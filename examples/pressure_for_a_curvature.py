@@ -12,7 +12,7 @@ SHOWN = ["degradation_pct", "wanted_per_m", "needed_q05_kPa", "needed_q95_kPa", 
 
 def main():
     study = bd.read_study("studies/gelatin_actuator")
-    model = bd.Model(study, bd.emulator(study.geometry))
+    model = bd.Model(study, bd.emulator(study))
     for asked in (model, model.with_causes("pressure_offset")):
         fit = bd.calibrate(asked, effort="quick", seed=1)
         found = bd.control(fit, curvature=[4, 8], degradation=[5, 15], max_risk=0.05)

@@ -50,5 +50,5 @@ model = bd.Model([readings], hooke, parameters=[bd.Parameter("k", bd.LogNormal(2
 
 base = bd.calibrate(model, effort="quick", seed=1)
 verdict = bd.criticise(base, causes=[OFFSET, STIFFENING], seed=1)
-final = bd.calibrate(model.with_causes(*verdict.causes), effort="quick", seed=1)
+final = bd.calibrate(model.with_verdict(verdict), effort="quick", seed=1)
 print(verdict, final, sep="\n\n")

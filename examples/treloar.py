@@ -14,7 +14,7 @@ def main():
     base = bd.calibrate(model, effort="quick", seed=1)
     verdict = bd.criticise(base, seed=1)
     print(verdict, end="\n\n")
-    final = bd.calibrate(model.with_causes(*verdict.causes), effort="quick", seed=1)
+    final = bd.calibrate(model.with_verdict(verdict), effort="quick", seed=1)
     print(final.summary()[["mean", "q05", "q95", "unit"]].round(4))
 
 

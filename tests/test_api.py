@@ -269,6 +269,23 @@ def test_several_kinds_of_readings_and_a_frame_of_inputs():
     assert set(density.groups) == set("abcd")
 
 
+def cut(values, x):
+    return np.where(values["k"] > 2.0, np.inf, values["k"])[:, None] * x
+
+
+def noisy(values, x):
+    return hooke(values, x) + np.random.default_rng().normal(0.0, 0.01, (len(values["k"]), len(x)))
+
+
+@pytest.mark.parametrize(("forward", "words"), [(cut, "NaN"), (noisy, "by 0.0")])
+def test_a_map_without_answers_or_with_noise_warns(forward, words):
+    rough = bd.Readings(FORCE[:4], LENGTH[:4], error=1.0)
+    model = bd.Model([rough], forward, parameters=[K])
+    with pytest.warns(UserWarning, match=words) as said:
+        bd.calibrate(model, effort="quick", seed=1)
+    assert all(Path(one.filename) == Path(__file__) for one in said)
+
+
 # ---- what goes wrong
 
 

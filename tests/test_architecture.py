@@ -26,6 +26,7 @@ LAYERS = (
     "cli",
     "commands",
     "api",
+    "training",
     "results",
     "console",
     "pipeline",
@@ -198,6 +199,7 @@ def test_files_are_read_and_written_in_few_places():
         "emulator/workers.py",
         "api.py",  # the door: studies and reports are where the user says
         "results.py",
+        "training.py",  # trained emulators are kept
         "files.py",
         "limited.py",  # the environment of another process
         "__main__.py",  # a signal may end it

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import typer
 
+from bayesdeg import training
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.commands import training
 from bayesdeg.console import errors
 from bayesdeg.data.settings import FILE, Settings, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range

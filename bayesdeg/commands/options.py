@@ -363,7 +363,3 @@ NewFolder = Annotated[
     Path, typer.Argument(help="A folder that is not there yet, or empty.", metavar="FOLDER")
 ]
 RunFolderOnly = Annotated[Path, typer.Argument(help="A run folder.", metavar="REPORT")]
-
-
-class Stopped(Exception):  # noqa: N818 - it is not an error
-    """The user stopped a command, which can be resumed; the message says what stays and how."""

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.text import Text
 
-from bayesdeg.commands.training import Manner, emulator_for
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -24,9 +23,10 @@ from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
 from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import LEFT_OUT, RunFolder
-from bayesdeg.report.headline import doubts_of, sets_of
+from bayesdeg.report.headline import doubts_of, forward_map_words, sets_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import VerdictRecord
+from bayesdeg.training import Manner, emulator_for
 
 
 def run(
@@ -76,11 +76,12 @@ def run(
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
 
 
-def _doubts(study: Study) -> tuple[Doubt, ...]:
+def _doubts(study: Study) -> tuple[Doubt | str, ...]:
     """Return what is unlikely, and refuse what is impossible before a folder is made."""
     if study.settings.forward is not None:
-        assemble(study)
-        return tuple(names_alike(study))
+        answers = assemble(study).answers
+        said = () if answers is None else forward_map_words(answers)
+        return (*names_alike(study), *said)
     return refuse_impossible(doubts(study, outline(study).expected))
 
 

@@ -103,12 +103,15 @@ class Formula:
         From a prediction to readings (k, n); as it is by default.
     adapted : callable
         From a cause to one whose hooks take what the forward map takes and gives.
+    report : callable, optional
+        Called at every answer with the vectors at which some reading has none, (k,).
     """
 
     forward: Callable[[Any, Any], Any]
     inputs: Callable[[Named, Any], Any] = as_they_are
     readings: Callable[[Any], ArrayLike] = np.asarray
     adapted: Callable[[Cause], Cause] = as_given
+    report: Callable[[Flags], None] | None = None
 
     @property
     def is_limited(self) -> bool:
@@ -385,6 +388,10 @@ class FormulaReadings(Observations):
     def refused(self, state: State[Formula]) -> Flags:
         return ~np.all(np.isfinite(self.expected(state)), axis=1)
 
+    @override
+    def watched(self, world: Formula, report: Callable[[Flags], None]) -> Formula:
+        return replace(world, report=report)
+
     def _predicted(self, state: State[Formula]) -> Floats:
         """Return all readings of the forward map, (k, n)."""
         found = state.world.predicted(state, self.conditions)
@@ -393,7 +400,10 @@ class FormulaReadings(Observations):
             width, last = found.shape[-1] if found.ndim else 1, np.max(self.rows, initial=-1)
             if width <= last:
                 raise ValueError(f"rows go up to {last}, forward returned {width}")
-        return spread(found, (len(state), width), "forward")
+        predicted = spread(found, (len(state), width), "forward")
+        if state.world.report is not None:
+            state.world.report(~np.all(np.isfinite(predicted[:, self.rows]), axis=1))
+        return predicted
 
     def _laws(self, state: State[Formula]) -> tuple[Floats, Floats, Floats]:
         """Return mean, standard deviation of errors and common deviation of readings, (k, n)."""

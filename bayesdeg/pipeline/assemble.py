@@ -7,6 +7,7 @@ import hashlib
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -38,11 +39,13 @@ from bayesdeg.pipeline.formula import (
     Forward,
     OwnMap,
     Readings,
+    answers_of,
     is_for_numbers,
     probe,
 )
 from bayesdeg.pipeline.outline import Outline, outline, stated_priors
 from bayesdeg.priors import Parameter, check_priors, with_least, with_priors
+from bayesdeg.report.record import ForwardMapEntry
 
 Floats = NDArray[np.float64]
 
@@ -95,6 +98,11 @@ class Assembly:
     study: Study | None = None
     whole: Study | None = None
     beyond: tuple[Aside, ...] = ()
+
+    @cached_property
+    def answers(self) -> ForwardMapEntry | None:
+        """Where the user's own forward map has no answer, and its noise; asked once."""
+        return None if self.own is None else answers_of(self.model)
 
     @property
     def causes(self) -> tuple[Cause, ...]:

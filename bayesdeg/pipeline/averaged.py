@@ -18,6 +18,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.decide.counted import COMMON_FACTOR
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.inference.model import JointModel
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.judge import Judgement
 
@@ -63,6 +64,12 @@ class Averaged:
     vectors: Floats
     number: NDArray[np.int64]
     members: tuple[Member, ...]
+
+    @property
+    def chain(self) -> Chain:
+        """The draws as a single chain, as a run folder holds them."""
+        vectors = self.vectors[None, :, None, :]
+        return Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(1))
 
     def tree(self) -> xr.DataTree:
         """Return the draws as they are stored: ``posterior``, and ``sample_stats`` with members."""

@@ -30,13 +30,15 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pipeline import forecast, formula
+from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
+from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.films import course_of
-from bayesdeg.pipeline.forecast import model_document
+from bayesdeg.pipeline.forecast import Caution, Drawn, model_document
 from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
-from bayesdeg.pipeline.judge import Judgement, with_sampled_sizes
+from bayesdeg.pipeline.judge import Judgement, extended_model, with_sampled_sizes
 from bayesdeg.pipeline.lifetime import (
     allowed_at_ends,
     default_hours,
@@ -47,7 +49,7 @@ from bayesdeg.pipeline.lifetime import (
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.record import Results, in_doubt, verdict_of
+from bayesdeg.pipeline.record import Results, forward_map_of, in_doubt, verdict_of
 from bayesdeg.pipeline.run import (
     Clock,
     Streams,
@@ -55,6 +57,8 @@ from bayesdeg.pipeline.run import (
     can_be_judged,
     conclude,
     judged_fit,
+    judged_with_suspects,
+    with_average,
     with_counts,
     with_options,
 )
@@ -65,6 +69,7 @@ from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import NoCheckpoints
+from bayesdeg.report.headline import forward_map_words
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import ModelEntry, VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS
@@ -125,11 +130,14 @@ class ModelledExperiment:
         Base model and candidates.
     causes : tuple of Cause
         Active ones.
+    judgement : Judgement, optional
+        The verdict that they follow from, where the model is that of the verdict.
     """
 
     study: Study
     assembly: Assembly
     causes: tuple[Cause, ...] = ()
+    judgement: Judgement | None = None
 
     @classmethod
     def of(
@@ -274,6 +282,7 @@ class ModelledExperiment:
     def fit(self, effort: Effort, seed: int, progress: Progress, executor: Executor | None) -> Fit:
         """Calibrate the model; of the base model as ``bayesdeg run`` does with the same seed."""
         streams = Streams.of(seed)
+        found = None if self.judgement is None else extended_model(self.judgement)
         return calibrate(
             self.density,
             "final" if self.causes else "base",
@@ -282,7 +291,15 @@ class ModelledExperiment:
             checkpoints=NoCheckpoints(),
             progress=progress,
             executor=executor,
+            start=None if found is None else found[1],
         )
+
+    def said_of_map(self, fit: Fit | None = None) -> tuple[str, ...]:
+        """Say where the user's own forward map has no answer, at a fit's proposals too."""
+        known = self.assembly.answers
+        if known is not None and fit is not None:
+            known = forward_map_of(Results(self.assembly, fit, fit, None))
+        return () if known is None else forward_map_words(known)
 
     def posterior(self, fit: Fit, effort: Effort, seed: int) -> xr.DataTree:
         """Return the draws that a run folder keeps, with predictions of what was read."""
@@ -312,6 +329,12 @@ class ModelledExperiment:
         results = Results(self.assembly, fit, fit, judgement)
         if judgement is None:
             results = with_counts(results, streams.verdict, guard)
+        elif self.assembly.aside and self.assembly.whole is not None:
+            whole = set_aside(self.assembly.whole, self.assembly.beyond)
+            emulator = mechanics_of(self.assembly.model.forward)
+            forward = emulator if isinstance(emulator, Surrogate) else None
+            asked = (results, whole, forward, streams.suspects, executor, guard)
+            results = judged_with_suspects(*asked)
         residual = _residual(fit, streams.drawing)
         doubted = dict(in_doubt(self.study, results)) | {"left_out": guard.entries()}
         document = verdict_of(results, residual, "", guard).model_copy(update=doubted)
@@ -338,8 +361,7 @@ class ModelledExperiment:
 
     def predict(
         self,
-        fit: Fit,
-        effort: Effort,
+        drawn: Drawn,
         seed: int,
         progress: Progress,
         *,
@@ -351,7 +373,7 @@ class ModelledExperiment:
         if self.own is not None:
             raise BayesdegError("a model with a forward map of its own is asked at x=...")
         return forecast.predict(
-            self._of_actuators(fit, effort),
+            drawn,
             levels,
             pressure,
             seed=np.random.SeedSequence([seed, 1]),
@@ -361,8 +383,7 @@ class ModelledExperiment:
 
     def control(
         self,
-        fit: Fit,
-        effort: Effort,
+        drawn: Drawn,
         seed: int,
         progress: Progress,
         *,
@@ -380,7 +401,7 @@ class ModelledExperiment:
             )
         experience = experience_of(self._document)
         found = forecast.settings(
-            self._of_actuators(fit, effort),
+            drawn,
             levels,
             curvature,
             risk=max_risk,
@@ -389,7 +410,7 @@ class ModelledExperiment:
             conditions=conditions,
             experience=None if beyond else experience,
         )
-        allowed, strong = forecast.allowed_by_rate(found), fit.model.has_elongation
+        allowed, strong = forecast.allowed_by_rate(found), drawn.model.has_elongation
         said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
         return forecast.settings_table(found), said
 
@@ -443,7 +464,7 @@ class ModelledExperiment:
 
     def lifetime(
         self,
-        fit: Fit,
+        drawn: Drawn,
         effort: Effort,
         seed: int,
         progress: Progress,
@@ -456,44 +477,52 @@ class ModelledExperiment:
         """Return what becomes of actuators in the soil, and what a user should know."""
         soil = self._soil(effort, seed, progress)
         times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
-        stored, experience = self._of_actuators(fit, effort), experience_of(self._document)
+        experience = experience_of(self._document)
         life = lifetime_of(
-            *(stored, soil, duty, times),
+            *(drawn, soil, duty, times),
             seed=np.random.SeedSequence([seed, 1]),
             progress=progress,
             conditions=conditions,
             experience=None if beyond else experience,
         )
-        table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
+        table, summary = life_table(drawn, life, duty), life_summary(drawn, life, duty)
         table.attrs.update(summary.facts, summary=str(summary))
         at, levels = np.array([duty.pressure]), soil.levels(times[[0, -1]])
-        allowed, strong = allowed_at_ends(life, levels), fit.model.has_elongation
+        allowed, strong = allowed_at_ends(life, levels), drawn.model.has_elongation
         said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
-        return table, (*self.cautions(fit, levels, at, conditions), *said)
+        return table, (*self.cautions(drawn, levels, at, conditions), *said)
 
     def cautions(
-        self, fit: Fit, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
+        self, drawn: Drawn, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
     ) -> tuple[str, ...]:
-        """Say where predictions lie outside of what was measured, and what moves nothing."""
+        """Say what is averaged, what lies outside of what was measured, and what moves nothing."""
         ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
+        members = drawn.members if isinstance(drawn, Averaged) else ()
         return (
+            *(str(Caution("averaged", {"members": one})) for one in (members,) if one),
             *forecast.extrapolations(ranges, rates, pressure),
             *forecast.hours_beyond(ranges, levels),
-            *forecast.unanswered_conditions(fit, rates, conditions),
+            *forecast.unanswered_conditions(drawn, rates, conditions),
         )
 
     @property
     def _document(self) -> ModelEntry:
         return model_document(self.assembly.model, self.study)
 
-    def _of_actuators(self, fit: Fit, effort: Effort) -> Fit:
-        """Return a calibration with the draws that a run folder keeps."""
+    def drawn(self, fit: Fit, effort: Effort, seed: int) -> Drawn:
+        """Return the draws from which a run folder predicts.
+
+        They are over all sets of causes that the verdict could not tell apart, if the model is
+        that of a verdict; `effort` and `seed` are those of the calibration.
+        """
         if fit.model.forward is None:
             raise BayesdegError(
                 f"{self.study.name} has no readings of actuators, so its posterior does not say "
                 "how an actuator bends; add actuator.csv to the study"
             )
-        return replace(fit, chain=fit.chain.thinned(EFFORTS[effort].kept))
+        final = Results(self.assembly, fit, fit, _of_final(self.judgement, fit))
+        averaged = with_average(final, Streams.of(seed).averaged, Guard()).averaged
+        return averaged or replace(fit, chain=fit.chain.thinned(EFFORTS[effort].kept))
 
     def write(
         self,
@@ -519,6 +548,7 @@ class ModelledExperiment:
         guard, clock = Guard(), Clock({"base": base.seconds})
         clock.seconds |= {"verdict": judged[1]} if judged else {}
         clock.seconds |= {"extended": final.seconds} if final.fit is not base.fit else {}
+        results = with_average(results, Streams.of(base.seed).averaged, guard)
         with run_folder(path, study) as folder:
             work = partial(conclude, progress=progress, executor=executor, guard=guard, full=full)
             document = work(study, folder, results, clock)
@@ -547,8 +577,8 @@ def _known_emulator(study: Study) -> Surrogate:
     found = find_emulator(geometry)
     if found.surrogate is None:
         raise BayesdegError(
-            f"{found.reason}; train one with bayesdeg.emulator(study.geometry), which takes long, "
-            "and give it to Model(study, ...)"
+            f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds what "
+            "`bayesdeg run` trained here, or trains it"
         )
     return found.surrogate
 
@@ -581,6 +611,6 @@ def _of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
         raise BayesdegError(
             f"the final model has {', '.join(given)}, and the verdict predicts with "
             f"{', '.join(wanted) or 'no cause'}; calibrate "
-            "model.with_causes(*verdict.predicted_with)"
+            "model.with_verdict(verdict)"
         )
     return with_sampled_sizes(judgement, final)

@@ -61,6 +61,7 @@ from bayesdeg.prediction.soil import Level, Soil, known_levels
 from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import LARGEST, RecordError
 from bayesdeg.report.folder import (
+    EMULATOR,
     POSTERIOR,
     POSTERIOR_AVERAGED,
     POSTERIOR_BASE,
@@ -261,7 +262,7 @@ def read_stored(
                 "run.json is from an older version and does not say what the posterior is of; run "
                 "the study again with `bayesdeg run`"
             )
-        model = _model(run.model, draws, _emulator(run.emulator.training, emulator, cache))
+        model = _model(run.model, draws, emulator_of(folder, run, emulator, cache))
         _refuse_other_members(members, model)
         measured = {name: (_known(n)[0], _known(n)[-1]) for name, n in run.model.measured.items()}
     except (RecordError, BayesdegError) as fault:
@@ -440,19 +441,19 @@ def _flat(cause: Cause) -> Cause:
     return replace(cause, parameters=tuple(replace(p, law=Flat()) for p in cause.parameters))
 
 
-def emulator_of(run: RunRecord, given: Path | None = None, cache: Path = CACHE) -> Surrogate:
-    """Return the emulator that a run used.
+def emulator_of(
+    folder: RunFolder, run: RunRecord, given: Path | None = None, cache: Path = CACHE
+) -> Surrogate:
+    """Return the emulator that a run used, known by the record of its training.
+
+    It is the one in the run folder, the package's, or one that was trained here.
 
     Raises
     ------
     BayesdegError
         If it is not to be had, or the one given is another.
     """
-    return _emulator(run.emulator.training, given, cache)
-
-
-def _emulator(training: Mapping[str, object], given: Path | None, cache: Path) -> Surrogate:
-    """Return the emulator that the run used, told by the record of its training."""
+    training = run.emulator.training
     if not training:
         raise BayesdegError(
             "run.json does not record an emulator; run the study again with `bayesdeg run`"
@@ -465,6 +466,9 @@ def _emulator(training: Mapping[str, object], given: Path | None, cache: Path) -
             f"{given} is not the emulator of this run; give the one that `bayesdeg run` was given, "
             "or leave out --emulator"
         )
+    own = folder.path / EMULATOR
+    if own.exists() and _is_of(own, training):
+        return read_trained(own)
     shipped = default_surrogate()
     if _same(shipped, training):
         return shipped
@@ -475,8 +479,9 @@ def _emulator(training: Mapping[str, object], given: Path | None, cache: Path) -
         if _is_of(path, training):
             return read_trained(path)
     raise BayesdegError(
-        "the emulator that the run used is neither in this version of the package nor in "
-        f"{cache}; give its file with --emulator FILE, or run the study again with `bayesdeg run`"
+        f"the emulator that the run used is neither in the run folder ({EMULATOR}), nor in this "
+        f"version of the package, nor in {cache.absolute()}; give its file with --emulator FILE, "
+        "or run the study again with `bayesdeg run`"
     )
 
 

@@ -32,6 +32,7 @@ from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.data.unused import Unused
+from bayesdeg.inference.model import Refusals
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
@@ -55,6 +56,7 @@ from bayesdeg.report.record import (
     CountedLevelEntry,
     EffectEntry,
     ExperimentEntry,
+    ForwardMapEntry,
     InDoubt,
     MisfitEntry,
     NamingEntry,
@@ -504,6 +506,7 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
         suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),
         with_suspects=_outcome(results.with_suspects),
+        forward_map=forward_map_of(results),
     )
 
 
@@ -515,6 +518,17 @@ def _unused(one: Unused) -> UnusedEntry:
         why=str(one.why),
         sentence=sentences("run", "unused", one=one),
     )
+
+
+def forward_map_of(results: Results) -> ForwardMapEntry | None:
+    """Return where the user's own forward map has no answer, of the prior and of all proposals."""
+    known = results.assembly.answers
+    if known is None:
+        return None
+    chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
+    refusals = sum(chains.values(), start=Refusals())
+    found = {"proposals": refusals.proposed, "proposals_unanswered": refusals.share}
+    return known.model_copy(update=found)
 
 
 def _outcome(decision: Decision | None) -> OutcomeEntry | None:

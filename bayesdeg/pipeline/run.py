@@ -49,7 +49,7 @@ from bayesdeg.pipeline.judge import (
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.record import Results, in_doubt
-from bayesdeg.pipeline.run_record import run_document
+from bayesdeg.pipeline.run_record import emulated, run_document
 from bayesdeg.pipeline.suspects import without_suspects
 from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
 from bayesdeg.quantities import Effort
@@ -194,13 +194,13 @@ def _judged(
         judgement = guard.attempt(stage, judged, assembly, results.base, effort, seed)
     with clock.stage("extended"):
         results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
-        results = _with_average(results, seeds.averaged, guard)
+        results = with_average(results, seeds.averaged, guard)
     if not assembly.aside or assembly.whole is None:
         return results
     with clock.stage("verdict with suspects"):
         reached = set_aside(assembly.whole, assembly.beyond)
         judging = (reached, forward, seeds.suspects, executor)
-        return _judged_with_suspects(results, *judging, guard)
+        return judged_with_suspects(results, *judging, guard)
 
 
 def _without_suspects(
@@ -212,7 +212,7 @@ def _without_suspects(
         return guard.attempt(stage, without_suspects, study, assembly, forward) or assembly
 
 
-def _judged_with_suspects(
+def judged_with_suspects(
     results: Results,
     whole: Study,
     forward: Surrogate | None,
@@ -289,6 +289,8 @@ def conclude(
     examined = _begun_examination(study, results, seeds, executor, guard) if full else None
     progress.stage("posteriors")
     write_posteriors(study, files, results, generator)
+    forward = emulated(results)
+    folder.write_emulator(None if forward is None else to_bytes(forward))
     if full:
         checked = partial(check, results.final, seed=seeds.checks, executor=executor)
         with clock.stage("checks"):
@@ -474,7 +476,7 @@ def _extend(
     return replace(results, final=found[0], judgement=found[1])
 
 
-def _with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
+def with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
     """Draw over the causes that cannot be told apart, if there are several.
 
     Predictions of actuators are averaged. Of films alone there are none, and those with a forward

@@ -254,6 +254,7 @@ def run_document(
         emulator=emulator_entry(results, guard),
         model=None if own else _model_of(results, study),
         forward=own.source if own else "",
+        forward_map=doubted.forward_map,
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,
             name="log-likelihood ratio of a smooth discrepancy",
@@ -287,19 +288,18 @@ def _checks(study: Study, results: Results) -> dict[str, str]:
 def draw_counts(results: Results) -> dict[str, int]:
     """Return how many draws the posteriors have, and how many the emulator has no answer for."""
     count = results.final.chain.log_prob.size
-    emulated = _emulated(results) is not None
     return {
         "posterior draws, base": results.base.chain.log_prob.size,
         "posterior draws, final": count,
         "posterior draws outside the emulator's range": (
-            round(_outside(results.final) * count) if emulated else 0
+            0 if emulated(results) is None else round(_outside(results.final) * count)
         ),
     }
 
 
 def _proposal_counts(results: Results) -> dict[str, int]:
     """Return how many proposals of the sampler the emulator refused, and its curves cut short."""
-    forward, counts = _emulated(results), dict[str, int]()
+    forward, counts = emulated(results), dict[str, int]()
     cut = None if forward is None else emulator_facts(forward.record).curves_cut_short
     for label, fit in results.fits.items():
         counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
@@ -308,7 +308,7 @@ def _proposal_counts(results: Results) -> dict[str, int]:
     return counts | ({} if cut is None else {name: int(cut)})
 
 
-def _emulated(results: Results) -> Surrogate | None:
+def emulated(results: Results) -> Surrogate | None:
     """Return the emulator that stood for the mechanics, if one did."""
     world = results.base.model.world
     forward = mechanics_of(world.forward) if isinstance(world, FilmsAndActuators) else None
@@ -334,7 +334,7 @@ def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
 
 def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
     """Return what stood for the mechanics, and what of a posterior and its sampling it refuses."""
-    forward = _emulated(results)
+    forward = emulated(results)
     if forward is None:
         return EmulatorEntry()
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}

@@ -53,6 +53,7 @@ from bayesdeg.quantities import EFFORTS as KNOWN_EFFORTS
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     ADDED,
+    EMULATOR,
     INDEX,
     POSTERIOR,
     POSTERIOR_BASE,
@@ -609,7 +610,7 @@ def _update(
     found, before, after = _enlarged(of, content, name)
     unlikely = doubts(after, outline(after).expected)
     doubted = suspicions(before, unlikely, name)
-    forward = emulator_of(of.run, emulator)
+    forward = emulator_of(of.folder, of.run, emulator)
     # priors and scales stay those of the run, whatever pressures were added
     assembly = assemble(of.study, forward)
     refuse_beyond((before, after), assembly.model, name)
@@ -704,7 +705,7 @@ def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
 def _as_before(path: Path) -> list[Path]:
     """Return files of a run that an update does not touch."""
     tables = [t.file for name, t in columns.TABLES.items() if name not in ANEW]
-    names = (*tables, f"{POSTERIOR_COURSE}.nc", "deformed.npz")
+    names = (*tables, f"{POSTERIOR_COURSE}.nc", "deformed.npz", EMULATOR)
     pictures = sorted(path.glob("actuator_*pct.vtu"))
     return [*(path / name for name in names if (path / name).is_file()), *pictures]
 

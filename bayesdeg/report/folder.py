@@ -39,6 +39,8 @@ INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
 ADDED: Final = "added.csv"
 """Rows of actuator.csv that entered a run since, see `bayesdeg.pipeline.update`."""
+EMULATOR: Final = "emulator.npz"
+"""The emulator of the run, so that the folder predicts wherever it is copied to."""
 
 VERDICT: Final = "verdict"
 RUN: Final = "run"
@@ -60,7 +62,7 @@ PICTURE_MB: Final = 2.0  # a cut that a run writes has 0.05
 
 #: All files of fixed name that a run writes.
 RUN_FILES: Final = (
-    *(INDEX, LEFT_OUT, ADDED, *PICTURES),
+    *(INDEX, LEFT_OUT, ADDED, EMULATOR, *PICTURES),
     *(f"{name}.json" for name in DOCUMENTS),
     *(f"{name}.nc" for name in POSTERIORS),
     *(table.file for table in TABLES.values()),
@@ -308,6 +310,13 @@ class RunFolder:
     def remove(self, file: str) -> None:
         """Remove a file of an earlier run, if there is one."""
         (self.path / file).unlink(missing_ok=True)
+
+    def write_emulator(self, content: bytes | None) -> None:
+        """Write the emulator of the run; remove that of an earlier run if it has none."""
+        if content is None:
+            self.remove(EMULATOR)
+        else:
+            write_bytes(self.path / EMULATOR, content)
 
     def write_picture(self, name: str, content: bytes) -> None:
         """Write a cut of a photograph, one of `PICTURES`."""

@@ -11,7 +11,7 @@ import pandas as pd
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
-from bayesdeg.report.record import CandidateEntry, VerdictRecord
+from bayesdeg.report.record import CandidateEntry, ForwardMapEntry, VerdictRecord
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
     NOTHING,
@@ -306,7 +306,20 @@ def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     whole = verdict.with_suspects
     facts = {"whole": whole, "v": verdict}
     other = [] if whole is None else [sentences("headline", "with_suspects", **facts)]
-    return (*suspects, *other, *said)
+    own = () if verdict.forward_map is None else forward_map_words(verdict.forward_map)
+    return (*own, *suspects, *other, *said)
+
+
+def forward_map_words(one: ForwardMapEntry) -> tuple[str, ...]:
+    """Say where a forward map of the user's has no answer, and what noise it has of its own.
+
+    Examples
+    --------
+    >>> forward_map_words(ForwardMapEntry(prior_draws=400, prior_unanswered=0.0))
+    ()
+    """
+    said = (sentences("headline", name, one=one) for name in ("unanswered", "map_noise"))
+    return tuple(filter(None, said))
 
 
 def first_sentence(text: str) -> str:

@@ -340,6 +340,27 @@ class UnusedEntry(Record):
     sentence: Text = ""
 
 
+class MapNoiseEntry(Record):
+    """By how much two calls of a forward map with the same values differ."""
+
+    kind: Text = ""
+    unit: Text = ""
+    sd: Number = None
+
+
+class ForwardMapEntry(Record):
+    """Where a forward map of the user's has no finite answer, and whether it has noise of its own.
+
+    Shares are of vectors at which some reading has no finite prediction.
+    """
+
+    prior_draws: Number = None
+    prior_unanswered: Number = Field(default=None, description="share [–]")
+    proposals: Number = None
+    proposals_unanswered: Number = Field(default=None, description="share [–]")
+    noise: tuple[MapNoiseEntry, ...] = Field(default=(), exclude_if=not_)
+
+
 class InDoubt(Record):
     """What a reader of a verdict should know before it is used."""
 
@@ -347,6 +368,7 @@ class InDoubt(Record):
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     with_suspects: OutcomeEntry | None = Field(default=None, exclude_if=is_absent)
+    forward_map: ForwardMapEntry | None = Field(default=None, exclude_if=is_absent)
 
 
 class VerdictRecord(FileRecord):
@@ -397,6 +419,9 @@ class VerdictRecord(FileRecord):
         default=None,
         exclude_if=is_absent,
         description="the outcome with all that was set aside; only there if something was",
+    )
+    forward_map: ForwardMapEntry | None = Field(
+        default=None, exclude_if=is_absent, description="of a study with its own forward map"
     )
     left_out: tuple[LeftOutEntry, ...] = ()
 
@@ -659,6 +684,9 @@ class RunRecord(FileRecord):
     model: ModelEntry | None = None
     forward: Text = Field(
         default="", exclude_if=is_absent, description="a forward map of one's own, where it stands"
+    )
+    forward_map: ForwardMapEntry | None = Field(
+        default=None, exclude_if=is_absent, description="as in verdict.json"
     )
     misfit: StatisticEntry = StatisticEntry()
     comparisons: tuple[ComparisonEntry, ...] = ()

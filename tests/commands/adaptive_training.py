@@ -14,8 +14,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from bayesdeg import training
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.commands import training
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.local import local_design

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg.commands import training
+from bayesdeg import training
 from bayesdeg.emulator.kept import COARSE_RUNS, FINE_RUNS
 from bayesdeg.pipeline.refinement import FIRST
 

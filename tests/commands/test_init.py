@@ -29,6 +29,10 @@ def test_it_writes_a_study_without_faults(tmp_path):
     assert doubts(study, outline(study).expected) == ()
 
 
+def test_how_long_training_takes_is_left_to_check():
+    assert not re.search(r"\b(hour|minute|min)s?\b", SETTINGS)
+
+
 def test_it_says_what_to_do_next(tmp_path):
     shown = CliRunner().invoke(app, ["init", str(tmp_path / "mine")], env={"COLUMNS": "500"})
     assert shown.exit_code == 0

@@ -11,7 +11,7 @@ import xarray as xr
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.cli import exit_code
-from bayesdeg.emulator.trained import default_surrogate, write_trained
+from bayesdeg.emulator.trained import default_surrogate, to_bytes, write_trained
 from bayesdeg.inference.course import CourseModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.inference.tree import to_datatree
@@ -451,6 +451,10 @@ def test_the_emulator_of_the_run_is_needed(bayesdeg, models, tmp_path):
     assert code == 2
     assert "other.npz" in messages
     assert "not the emulator" in messages
+    RunFolder(run).write_emulator(b"damaged")
+    assert bayesdeg("predict", run, *PREDICT)[0] == 2
+    RunFolder(run).write_emulator(to_bytes(own))
+    assert bayesdeg("predict", run, *PREDICT)[0] == 0
 
 
 @pytest.mark.parametrize(

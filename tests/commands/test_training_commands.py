@@ -15,12 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg import cli
+import bayesdeg as bd
+from bayesdeg import cli, training
 from bayesdeg.actuator.status import Status
 from bayesdeg.commands import run as run_command
-from bayesdeg.commands import training
+from bayesdeg.data.study import read_study
 from bayesdeg.emulator import workers
-from bayesdeg.emulator.kept import cached_path, duration
+from bayesdeg.emulator.kept import cached_path, duration, rough_seconds
 from bayesdeg.emulator.local import TARGET_OUTSIDE, LocalDesign
 from bayesdeg.emulator.refinement import TooFewCurvesError
 from bayesdeg.emulator.scaling import ONE, TrainingRange
@@ -362,6 +363,32 @@ def test_an_emulator_of_another_study_is_used_where_it_is_good(
     assert len(kept()) == 2
 
 
+def test_python_and_run_find_what_the_other_trained(here, command, pipeline):
+    command("run", "study", "--workers", 1)
+    curves, files = solved(), kept()
+    study = read_study(here / "study")
+    found = bd.emulator(study, workers=1, progress=False)
+    assert found.record == pipeline[0].record
+    assert (solved(), kept()) == (curves, files)
+    own = bd.emulator(study, cache="others", workers=1, progress=False)
+    assert own.record == found.record
+    assert solved() == curves
+    files[0].unlink()
+    next(Path("others").glob("*.npz")).rename(files[0])
+    code, _, err = command("run", "study", "--workers", 1)
+    assert code == 0, err
+    assert "is trained now" not in err
+
+
+def test_an_emulator_of_dimensions_alone_says_how_long_it_takes(here):
+    with pytest.warns(UserWarning, match=re.escape("bayesdeg.emulator(study)")) as said:
+        found = bd.emulator(read_study(here / "study").geometry, workers=1, progress=False)
+    for seconds in (0.0, rough_seconds(GEOMETRY.dimensions)):
+        assert duration(seconds) in str(said[0].message)
+    assert CACHED.exists()
+    assert found.length == 14.0
+
+
 def test_an_emulator_file_is_used_as_it_is(here, command, pipeline):
     write_trained(Path("mine.npz"), emulator())
     code, *_ = command("run", "study", "--emulator", "mine.npz", "--workers", 1)
@@ -417,7 +444,7 @@ DRIVER = """
 import sys
 from dataclasses import replace
 from bayesdeg import cli
-from bayesdeg.commands import training
+from bayesdeg import training
 from bayesdeg.pipeline import emulation
 from tests.pipeline.tiny_campaign import RECIPE, build
 if __name__ == "__main__":

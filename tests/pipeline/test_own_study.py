@@ -13,10 +13,13 @@ from typer.testing import CliRunner
 
 import bayesdeg as bd
 from bayesdeg.cli import app
+from bayesdeg.inference.model import CountedDensity, Refusals
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run import fingerprint
 from bayesdeg.report.folder import RunFolder
+from bayesdeg.report.headline import doubts_of, forward_map_words
+from bayesdeg.report.wording import SPACE
 
 FALL_TIMES = Path(__file__).parents[2] / "studies" / "fall_times"
 SETTINGS = """seed = 3
@@ -276,3 +279,58 @@ def test_a_function_that_changed_since_the_run_predicts_nothing(finished):
         model.write_text(text)
     assert result.exit_code == 2 or isinstance(result.exception, bd.BayesdegError)
     assert "model.py" in result.output + str(result.exception)
+
+
+NOWHERE = 'np.where(values["k"][:, None] > 2.0, np.nan, values["k"][:, None] * x["force_N"])'
+NOISY = 'values["k"][:, None] * x["force_N"] + np.random.normal(0, 0.05, (len(values["k"]), 12))'
+
+
+def written_as(folder, returned):
+    changed(folder, "model.py", 'values["k"][:, None] * x["force_N"]', returned)
+    changed(folder, "model.py", "def ", "import numpy as np\ndef ")
+    return assemble(read_study(folder))
+
+
+def test_prior_draws_without_an_answer_are_counted(folder):
+    assert assemble(read_study(folder)).answers.prior_unanswered == 0.0
+    answers = written_as(folder, NOWHERE).answers
+    assert answers.prior_unanswered == pytest.approx(0.5, abs=0.1)  # the median of k is 2
+    assert not answers.noise
+    [said] = forward_map_words(answers)
+    assert f"{answers.prior_unanswered:.0%}".replace("%", f"{SPACE}%") in said
+
+
+def test_proposals_without_an_answer_are_counted(folder):
+    model = written_as(folder, NOWHERE).model
+    density = CountedDensity(model)
+    k = np.array([1.0, 1.9, 2.1, 3.0, 4.0])
+    density(model.table.vectors({"k": k, "length_mm_error": np.full(5, 0.1)}))
+    assert density.refusals == Refusals(5, 3)
+    fewer = CountedDensity(model.without(np.array([0])))
+    fewer(model.table.vectors({"k": k, "length_mm_error": np.full(5, 0.1)}))
+    assert fewer.refusals == Refusals(5, 3)
+
+
+def test_noise_of_the_map_itself_is_noticed(folder):
+    [noise] = written_as(folder, NOISY).answers.noise
+    assert (noise.kind, noise.unit) == ("length_mm", "mm")
+    assert noise.sd == pytest.approx(0.05, rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_run_says_where_its_map_has_no_answer(folder):
+    shutil.rmtree(folder / "causes")
+    written_as(folder, NOWHERE.replace("2.0", "2.4"))
+    out = folder.parent / "run"
+    result = CliRunner().invoke(app, ["run", str(folder), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    run, verdict = RunFolder(out).read_run(), RunFolder(out).read_verdict()
+    assert run.forward_map == verdict.forward_map
+    assert 0.0 < verdict.forward_map.proposals_unanswered < 0.5
+    assert run.counts["proposals refused by the emulator, base"] > 0
+    [said] = doubts_of(verdict)
+    [at_once] = forward_map_words(assemble(read_study(folder)).answers)
+    console, page = result.stderr.split(), (out / "index.html").read_text(encoding="utf-8")
+    for one in (at_once, said):
+        assert f"in doubt: {' '.join(one.split())}" in " ".join(console)
+    assert said.split(SPACE)[0] in page

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from bayesdeg.commands import training
+from bayesdeg import training
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.refinement import Refinement
 from bayesdeg.emulator.solutions import SolutionStore

@@ -15,7 +15,6 @@ from rich.table import Table
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Status
-from bayesdeg.commands.options import STORE, Stopped
 from bayesdeg.console import errors, shown
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.families import MeshDimensions
@@ -59,6 +58,7 @@ from bayesdeg.emulator.trained import (
     went_to_its_end,
     write_trained,
 )
+from bayesdeg.errors import Stopped
 from bayesdeg.pipeline.emulation import (
     AskedAfterwards,
     Campaign,
@@ -85,12 +85,13 @@ from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.wording import fixed, percent, words
 
 RECIPE = Recipe()
+STORE = Path(".cache/campaign")  # of solutions, under the working directory
 LOCAL = local_recipe
 
 
 @dataclass(frozen=True)
 class Manner:
-    """How a command goes about training.
+    """How training goes about it.
 
     Parameters
     ----------
@@ -100,11 +101,14 @@ class Manner:
         Whether it says nothing.
     refine : bool
         Whether it corrects what there is, or what it trained, where the study's posterior lies.
+    cache : Path
+        Folder of trained emulators.
     """
 
     yes: bool = False
     quiet: bool = False
     refine: bool = False
+    cache: Path = CACHE
 
 
 def emulator_for(
@@ -154,7 +158,7 @@ def _found_or_trained(
     mould = geometry.dimensions
     if isinstance(mould, MeshDimensions) and mould.assumption and not manner.quiet:
         _print(mould.assumption)
-    found = find(geometry, recipe=RECIPE, cache=CACHE)
+    found = find(geometry, recipe=RECIPE, cache=manner.cache)
     is_known = found.surrogate is not None and not lacking(found.surrogate, asked_beside)
     if found.surrogate is not None:
         reason = lacking(found.surrogate, asked_beside, uncertain)
@@ -173,7 +177,9 @@ def _found_or_trained(
     if known is not None:
         return known
     if not manner.quiet:
-        _print(f"{found.reason}; one is trained now where this study lies, and kept in {CACHE}")
+        _print(
+            f"{found.reason}; one is trained now where this study lies, and kept in {manner.cache}"
+        )
     return train_where_asked(study, first, executor, manner)
 
 
@@ -182,8 +188,8 @@ def _known(
 ) -> Surrogate | None:
     """Return an emulator that was trained for this study, or one that answers it as well."""
     geometry = geometry_of_study(study.settings)
-    own = _kept_for(geometry, first)
-    for path, surrogate in covering(geometry, wanted, CACHE):
+    own = _kept_for(geometry, first, manner.cache)
+    for path, surrogate in covering(geometry, wanted, manner.cache):
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
         if surrogate.units != first.units or wanting or is_refined(surrogate.record):
             continue
@@ -200,10 +206,10 @@ def _ends_refined(geometry: Moulded, design: LocalDesign) -> bool:
     return has_ground(geometry) and not design.only_departure and LAST_ROUNDS > 0
 
 
-def _kept_for(geometry: Moulded, first: LocalDesign) -> Path:
+def _kept_for(geometry: Moulded, first: LocalDesign, cache: Path) -> Path:
     """Return where an emulator is kept whose training began with a design."""
     campaign = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), design=first)
-    return CACHE / f"{campaign.key()[:16]}.npz"
+    return cache / f"{campaign.key()[:16]}.npz"
 
 
 def _asked_after(study: Study, surrogate: Surrogate, manner: Manner) -> AskedAfterwards:
@@ -280,7 +286,7 @@ def train_where_asked(
                 _print(f"{fault}; the emulator stays as it was trained")
         else:
             campaigns.append(last)
-    _keep(campaigns, _kept_for(geometry, first), surrogate, manner)
+    _keep(campaigns, _kept_for(geometry, first, manner.cache), surrogate, manner)
     return surrogate
 
 
@@ -315,7 +321,7 @@ def refined_emulator(
     campaign, refined = _refined(study, ground, begun, REFINING_ROUNDS, manner)
     found = replace(refined, record=asked_for(refined.record))
     key = sha256((campaign.key() + ground.record).encode()).hexdigest()
-    _keep([campaign], CACHE / f"{key[:16]}.npz", found, manner)
+    _keep([campaign], manner.cache / f"{key[:16]}.npz", found, manner)
     return found
 
 
