@@ -29,6 +29,19 @@ collect_ignore = ["tests/peers/numpyro_nuts.py"]
 importlib.import_module("scipy.special")
 
 
+if (shift := os.environ.get("BAYESDEG_TEST_SEED")) is not None:
+    # every generator that a test or the package makes of a number gets another one
+    numpy = importlib.import_module("numpy")
+    plain = numpy.random.default_rng
+
+    def default_rng(seed=None):
+        """Return the generator of a number and that of the environment."""
+        numbered = isinstance(seed, int | numpy.integer)
+        return plain([int(seed), int(shift)] if numbered else seed)
+
+    numpy.random.default_rng = default_rng
+
+
 def pytest_collection_modifyitems(items):
     """Put files that hold slow tests first: else the longest ends the run alone, on one core."""
     slow = {item.path for item in items if item.get_closest_marker("slow") is not None}

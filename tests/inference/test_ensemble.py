@@ -408,7 +408,7 @@ def test_stored_draws_have_the_stored_log_density():
     model, stored = real_model(), tree()
     posterior = stored["posterior"].to_dataset()
     assert set(posterior.data_vars) == set(TRUTH)
-    assert dict(posterior.sizes) == {"chain": 2, "draw": 30}
+    assert dict(posterior.sizes) == {"chain": 2, "draw": real_chain().vectors.shape[2]}
     for chain, draw in [(0, 0), (0, 17), (1, 5), (1, 29)]:
         values = {n: v.values[chain, draw][None] for n, v in posterior.data_vars.items()}
         lp = float(stored["sample_stats"]["lp"][chain, draw])
@@ -504,7 +504,8 @@ def test_observed_and_constant_data_are_the_studys():
 
 
 def test_the_posterior_predictive_is_about_what_was_observed():
-    replicates = tree()["posterior_predictive"]["curvature"].values.reshape(60, -1)
+    replicates = tree()["posterior_predictive"]["curvature"].values
+    replicates = replicates.reshape(-1, replicates.shape[-1])
     observed = tree()["observed_data"]["curvature"].values
     z = (observed - replicates.mean(axis=0)) / replicates.std(axis=0)
     assert np.all(np.abs(z) < 5.0)

@@ -26,8 +26,12 @@ CLOSE = 1e-10
 # its solutions: two threads move readings by 3e-10, drawn nuisances by 3e-8, log densities by 2e-11
 OF_THE_BEAM = {"expected": 1e-8, "simulated": 1e-6}
 # A search for a mode ends elsewhere by the last bits of the density: a change of the likelihood by
-# 1e-15 or 1e-12 of itself moves what is concluded by 7e-9 at most, one by 1e-10 by 3e-7.
-SAME = 1e-6
+# 1e-15 or 1e-12 of itself moves what is concluded by 7e-9 at most, one by 1e-10 by 3e-7; on a
+# processor with other vector instructions and without MKL it is 1.3e-6.
+SAME = 1e-5
+# Held-out scores rest on a resample, in which the last bits choose other draws: there by up to
+# 0.4 nats and, of errors and shares, 8 %.
+NATS, SHARE = 0.5, 0.1
 FROZEN = stored()
 CONCLUDED = json.loads(VERDICTS.read_text(encoding="utf-8"))
 
@@ -94,12 +98,22 @@ def flat(told, place=()):
         yield place, told
 
 
+def tolerance(place):
+    """Return by how much another processor may move the number at a place."""
+    if place[0] == "held_out" or place[-1].startswith("elpd"):
+        return {"rel": 0.0, "abs": NATS}
+    return {"rel": SHARE, "abs": 0.0} if place[0] == "gain" else {"rel": SAME, "abs": SAME}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CONCLUDED)
 def test_what_is_concluded(name):
     found, known = (dict(flat(told)) for told in (engine.verdict(name), CONCLUDED[name]))
     assert found.keys() == known.keys()
+    moved = {}
     for place, value in known.items():
         if isinstance(value, float):
-            value = pytest.approx(value, rel=SAME, abs=SAME, nan_ok=True)
-        assert found[place] == value, place
+            value = pytest.approx(value, **tolerance(place), nan_ok=True)
+        if found[place] != value:
+            moved[place] = (found[place], value)
+    assert not moved
