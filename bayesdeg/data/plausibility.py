@@ -779,7 +779,7 @@ def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
             problem = f"is negative at the largest pressure ({curve.pressure[-1]:g} kPa)"
             place = ("actuator.csv", curve.name, "curvature_per_m", end)
             backwards.append(_fault(*place, problem, remedy))
-        elif end > LARGEST_SHARE_AT_REST * largest and angle < 0.0:
+        elif end > max(LARGEST_SHARE_AT_REST * largest, CURVATURE_ERROR) and angle < -ANGLE_ERROR:
             problem = f"has another sign than the curvature of the same row ({end:g} 1/m)"
             place = ("actuator.csv", curve.name, "bend_angle_deg", angle)
             against.append(_fault(*place, problem, remedy))

@@ -172,12 +172,15 @@ def _previous(frame: pd.DataFrame, column: str) -> pd.Series:
 
 
 def _back_without_branch(frame: pd.DataFrame) -> pd.Series:
-    """Return at which rows pressure goes on falling, in a file that names no unloading."""
-    falls = frame["pressure_kPa"] < _previous(frame, "pressure_kPa")
-    after = falls.groupby([frame[key] for key in BRANCH]).shift(-1, fill_value=True)
+    """Return where pressure goes on falling, or to what was read, in a file without unloading.
+
+    One fall to another pressure is a slip, or a row in another place.
+    """
     if (frame["branch"] == UNLOADING).any():
         return pd.Series(False, index=frame.index)
-    return falls & after
+    falls = frame["pressure_kPa"] < _previous(frame, "pressure_kPa")
+    after = falls.groupby([frame[key] for key in BRANCH]).shift(-1, fill_value=False)
+    return falls & (after | frame.duplicated([*BRANCH, "pressure_kPa"]))
 
 
 def _branch_named(frame: pd.DataFrame) -> pd.Series:

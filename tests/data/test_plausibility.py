@@ -557,6 +557,13 @@ def test_a_computed_angle_carries_nothing_in_the_likelihood():
     assert computed.mask.sum() == actuator_curves(study).mask.sum()
 
 
+def test_an_angle_of_the_other_sign_within_the_error_of_reading_is_no_fault():
+    frame = shipped("gelatin_actuator")[0].actuator
+    first = frame[frame["pressure_kPa"] == 20.0].assign(bend_angle_deg=-0.3)
+    found = found_in("gelatin_actuator", actuator=first)
+    assert not [one for one in found if one.fault.column == "bend_angle_deg"]
+
+
 @pytest.mark.parametrize("count", [1, 2, 12, 17])
 def test_actuators_that_read_nothing_are_named_and_no_other(count):
     frame = without_angle(shipped("gelatin_actuator")[0].actuator)
