@@ -25,7 +25,7 @@ def results(absorbed=None, **priors):
     vectors = stated.table.vectors(values).reshape(4, 50, -1)
     return SimpleNamespace(
         final=SimpleNamespace(model=stated, chain=SimpleNamespace(vectors=vectors)),
-        assembly=SimpleNamespace(model=stated, aside=(), whole=None, beyond=()),
+        assembly=SimpleNamespace(model=stated, aside=(), study=None, whole=None, beyond=()),
         with_suspects=None,
         judgement=SimpleNamespace(absorbed=absorbed),
     )
