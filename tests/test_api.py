@@ -189,6 +189,17 @@ def test_what_a_verdict_names_can_be_added_even_after_pickling(base, verdict):
     assert base.model.name == "base"
 
 
+@pytest.mark.parametrize("off", [{"r_hat": (1.9, 1.0)}, {"ess_bulk": (900.0, 12.0)}])
+def test_a_calibration_that_has_not_converged_is_not_judged(base, off):
+    unsettled = replace(base.fit, diagnosis=replace(base.fit.diagnosis, **off))
+    found = bd.criticise(replace(base, fit=unsettled), causes=[OFFSET], seed=1)
+    assert found.outcome == "not_judged"
+    assert found.causes == ()
+    assert "has not converged" in found.explanation
+    assert "1.90" in found.explanation or "12 effective" in found.explanation
+    assert "not converged" in found.candidates["why"].iloc[0]
+
+
 def test_the_final_model_predicts_better_what_was_held_out(base, final):
     table = bd.compare(base, final)
     assert table["model"].tolist() == ["base", "base+offset"]

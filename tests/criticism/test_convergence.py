@@ -71,3 +71,18 @@ def test_what_to_do_depends_on_whether_more_steps_would_be_enough(model, indepen
     assert not diagnose(model, chain_of(independent), few).more_helps
     more = replace(EFFORT, effective=5000.0)
     assert diagnose(model, chain_of(independent), more).more_helps
+
+
+@pytest.mark.parametrize(("shift", "judged"), [(0.0, True), (0.8, True), (3.0, False)])
+def test_what_misses_its_effort_by_a_little_may_be_judged(model, independent, shift, judged):
+    moved = independent.copy()
+    moved[0, :, :, 0] += shift
+    found = diagnose(model, chain_of(moved), EFFORT)
+    assert found.is_converged == judged
+    assert found.usable == (shift == 0.0)
+
+
+def test_few_effective_draws_are_not_judged(model, independent):
+    found = diagnose(model, chain_of(independent), EFFORT)
+    assert replace(found, ess_bulk=(50.0, 60.0)).is_converged
+    assert not replace(found, ess_bulk=(49.9, 60.0)).is_converged

@@ -50,7 +50,7 @@ def actuators(draw: st.DrawFn) -> pd.DataFrame:
     for specimen in draw(st.lists(LABEL, min_size=1, max_size=3, unique=True)):
         rate = draw(st.floats(-5, 100))
         for branch in ("loading", "unloading"):
-            pressures = sorted(draw(st.sets(st.floats(-5, 300), min_size=1, max_size=5)))
+            pressures = sorted(draw(st.sets(st.floats(0, 300), min_size=1, max_size=5)))
             n = len(pressures)
             blocks.append(
                 pd.DataFrame(

@@ -30,8 +30,10 @@ from bayesdeg.observations.means import Statistic
 from bayesdeg.pipeline import record
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.record import explain
+from bayesdeg.pipeline.run import _final
 from bayesdeg.priors import Parameter, TruncatedNormal
 from tests.criticism.linear_case import known_linear, with_readings
+from tests.report.test_findings import SAMPLED
 
 
 def verdict_document(*arguments, **options):
@@ -487,6 +489,18 @@ def test_with_a_cause_that_was_not_sampled_nothing_is_predicted():
     without = replace(ONE, sampled=False)
     assert without.predicted_with == ()
     assert verdict_document(without, WHERE)["predicted_with"] == []
+
+
+def test_causes_with_which_the_sampler_does_not_converge_are_not_named():
+    stuck = SimpleNamespace(diagnosis=replace(SAMPLED, r_hat=(1.82, 1.0), ess_bulk=(21.4, 900.0)))
+    base = object()
+    model, judged = _final(base, ONE, (None, None), lambda *_, **__: stuck, None)
+    assert model is base
+    document = verdict_document(judged, WHERE)
+    assert document["outcome"] == "not_judged"
+    assert document["causes"] == document["predicted_with"] == []
+    for words in ("pressure_offset", "not converged", "1.82", "21 effective"):
+        assert words in document["explanation"]
 
 
 def test_a_verdict_that_failed_says_why_and_what_to_do():

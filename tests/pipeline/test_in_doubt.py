@@ -8,6 +8,7 @@ import numpy as np
 
 from bayesdeg.criticism.checks.absorption import Absorption, Displacement, Interval, Push
 from bayesdeg.data.study import read_study
+from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.record import in_doubt
 from bayesdeg.priors import LogNormal, Parameter, with_priors
 from bayesdeg.report.headline import doubts_of
@@ -22,10 +23,13 @@ def results(absorbed=None, **priors):
     model = small_model()
     values = model.table.named(draws_near_truth(model, 200))
     stated = altered(model, base=with_priors(model.base, priors))
-    vectors = stated.table.vectors(values).reshape(4, 50, -1)
+    vectors = stated.table.vectors(values).reshape(4, 50, 1, -1)
+    chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(4))
     return SimpleNamespace(
-        final=SimpleNamespace(model=stated, chain=SimpleNamespace(vectors=vectors)),
-        assembly=SimpleNamespace(model=stated, aside=(), whole=None, beyond=(), answers=None),
+        final=SimpleNamespace(model=stated, chain=chain),
+        assembly=SimpleNamespace(
+            model=stated, aside=(), study=None, whole=None, beyond=(), answers=None
+        ),
         with_suspects=None,
         judgement=SimpleNamespace(absorbed=absorbed),
     )

@@ -10,9 +10,10 @@ import pytest
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import read_study
+from bayesdeg.data.unused import Why
 from bayesdeg.inference.model import least_squares
 from bayesdeg.pipeline import reach
-from bayesdeg.pipeline.aside import is_set_aside, set_aside
+from bayesdeg.pipeline.aside import is_set_aside, set_aside, unused_rows
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.record import suspects_of
@@ -64,6 +65,9 @@ def test_the_models_are_those_of_a_study_without_such_readings(study, ballooning
     assert gone.sum() == 2 * len(FRESH)
     rest = ballooning.actuator[~gone].reset_index(drop=True)
     assert assembly.study.actuator.equals(rest)
+    [unused] = unused_rows(assembly.study, assembly.whole, assembly.beyond)
+    assert (unused.file, unused.why) == ("actuator.csv", Why.BEYOND_REACH)
+    assert (unused.rows, unused.specimens) == (2 * len(FRESH), FRESH)
 
 
 def test_what_is_kept_ends_below_the_curve_of_the_films_material(ballooning):
