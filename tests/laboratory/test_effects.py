@@ -59,6 +59,7 @@ def test_parameters_of_one_cause_come_together():
         ("pressure_offset=nan", "impossible"),
         ("pressure_offset=inf", "impossible"),
         ("pressure_loss=2", "pressure_loss.fraction: 2 is impossible"),
+        ("stress_measure=0.4", "0.4 is impossible under either 0 or 1"),
         ("", "there is no cause ''"),
     ],
 )
