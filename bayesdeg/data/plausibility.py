@@ -175,12 +175,13 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
     with np.errstate(all="ignore"):
         of_films = _tension(study, expected)
         trusted = None if of_films else study.tensile
-        moduli = _in_likely_unit(study, expected) if of_films else None
+        films = _in_likely_unit(study, expected) if of_films else film_moduli(trusted)
+        material = _Material(expected, films[films["c1"] > 0.0])
         found = [*of_films, *_elongation(study.breaks, trusted, expected)]
         found += [*_published(study, expected), *_rates(study), *_thick_layer(study.settings)]
+        found += _layer_unit(study.settings, material)
         if study.actuator is not None:
-            films = film_moduli(trusted) if moduli is None else moduli
-            found += _bending(study, _Material(expected, films[films["c1"] > 0.0]))
+            found += _bending(study, material)
             found += _conditions(study.actuator)
     return tuple(_where_it_stands(doubt, study) for doubt in found)
 
@@ -771,6 +772,33 @@ class _Material:
         levels = np.log(self.films["c1"]).groupby(self.films["rate"]).median()
         at = levels.index.to_numpy(float)
         return np.exp(np.interp(rates, at, levels.to_numpy(float))), "the films"
+
+
+def _layer_unit(settings: Settings, material: _Material) -> Iterator[Doubt]:
+    """Doubt constants of an elastomer layer that are far softer than the body, or than any.
+
+    A layer is there to stretch less. Where no unit is stated it is kPa; a layer that is then
+    softer than the body may be meant in MPa.
+    """
+    if not settings.constraint.is_slab:
+        return
+    layer, value = settings.constraint.constants[0], settings.constraint_c1
+    known, source = material.c1(np.zeros(1))
+    body, stated = float(known[0]), settings.constraint_unit
+    softest = body / (LEAST_FACTOR if stated is None else IMPOSSIBLE_FACTOR)
+    if not (layer < softest or layer > STIFFEST):
+        return
+    in_mpa = (
+        f"; {value:g} MPa would be {_times(value / body)} it"
+        if stated is None and layer < softest
+        else ""
+    )
+    problem = (
+        f"is {value:g} {stated or 'kPa, as no unit is stated'}: {_times(layer / body)} the C1 of "
+        f"the body ({1e3 * body:.3g} kPa by {source}){in_mpa}"
+    )
+    remedy = 'write unit = "MPa" or unit = "kPa" in [constraint], of C1, C2 and C3'
+    yield Doubt(_fault("study.toml", None, "constraint.C1", value, problem, remedy), stated is None)
 
 
 def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:

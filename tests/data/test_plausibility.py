@@ -130,6 +130,37 @@ def test_stress_in_kpa_is_refused_whatever_the_material(c1, stated):
         assert "kPa" in doubt.fault.problem.partition("likely in ")[2]
 
 
+def layered(c1, unit, body=0.3):
+    """Return a study of films and actuators with a layer of elastomer."""
+    study = silicone_study(body)
+    layer = {"constraint_kind": "elastomer", "paper_thickness_mm": 1.0, "constraint_c1": c1}
+    return replace(study, settings=replace(study.settings, **layer, constraint_unit=unit))
+
+
+@pytest.mark.parametrize(
+    ("c1", "unit", "body", "impossible"),
+    [
+        (900.0, None, 0.3, None),
+        (900.0, "kPa", 0.3, None),
+        (0.9, "MPa", 0.3, None),
+        (60.0, None, 0.012, None),
+        (2.0, "MPa", 0.012, None),
+        (0.9, None, 0.3, True),  # 0.9 kPa, a 333rd of the body
+        (2.0, None, 0.012, True),
+        (0.9, "kPa", 0.3, False),
+        (900.0, "MPa", 0.3, False),
+    ],
+)
+def test_a_layer_a_thousandfold_off_is_seen(c1, unit, body, impossible):
+    study = layered(c1, unit, body)
+    found = doubts(study, outline(study).expected)
+    assert [doubt.impossible for doubt in found] == ([] if impossible is None else [impossible])
+    for doubt in found:
+        assert doubt.fault.column == "constraint.C1"
+        assert f"{c1:g} {unit or 'kPa, as no unit is stated'}" in str(doubt)
+        assert (f"{c1:g} MPa would be" in str(doubt)) is (unit is None)
+
+
 def medians(study):
     return {
         p.name: float(p.law.quantile(0.5))
