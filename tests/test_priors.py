@@ -147,7 +147,7 @@ def test_a_choice_has_its_state_and_without_its_cause_the_neutral_value():
     drawn = table.named(table.sample(np.random.default_rng(1), 100))["exchanged"]
     assert (drawn == 1.0).all()
     assert table.named(np.zeros((1, 1)))["exchanged"] == 0.0
-    with pytest.raises(ValueError, match=r"neutral 0\.5 is impossible under either 0 or 1"):
+    with pytest.raises(ValueError, match="either 0 or 1"):
         Parameter("exchanged", Choice(1.0, 0.0), neutral=0.5)
 
 

@@ -178,9 +178,8 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
     usual = _default_priors(base, _statistics(found))
     usual = with_priors(usual, vendor_prior(study) if by_vendor else {})
-    usual = _of_own_material(
-        usual, study, _expected(usual, nodes, elongation_nodes, _statistics(found))
-    )
+    gelatin = _expected(usual, nodes, elongation_nodes, _statistics(found))
+    usual = _of_own_material(usual, study, gelatin)
     return Outline(
         base=(
             *with_priors(usual, study.settings.priors),
@@ -192,7 +191,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         largest=max(pressures, default=240.0),
         candidates=candidates,
         unjudged=unjudged,
-        missing=(*unlinked(found), *_missing(study)),
+        missing=(*unlinked(found), *_missing(study), *_followed(usual, study, gelatin)),
         alike=alike,
         counts=counts,
         of_counts=of_counts,
@@ -298,6 +297,18 @@ def _of_own_material(
             c1 = name.replace("c3_", "c1_", 1)
             found[name] = _times(law, _over(stated.get(c1, found[c1]), laws[c1]))
     return with_priors(usual, found)
+
+
+def _followed(
+    usual: Iterable[Parameter], study: Study, gelatin: Expected
+) -> tuple[tuple[str, str], ...]:
+    """Say that priors follow the films, where these are of another material and none is stated."""
+    now = {p.name: p.law for p in usual}[node_name("c1", 0.0)]
+    factor = _over(now, gelatin.c1[0.0])
+    if factor == 1.0 or node_name("c1", 0.0) in study.settings.priors:
+        return ()
+    facts = {"factor": factor, "c1": float(now.quantile(0.5))}
+    return (("[priors] c1_at_0", _sentences("priors_follow", **facts)),)
 
 
 def _over(one: Law, other: Law) -> float:

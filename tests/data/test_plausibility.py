@@ -157,8 +157,8 @@ def test_a_layer_a_thousandfold_off_is_seen(c1, unit, body, impossible):
     assert [doubt.impossible for doubt in found] == ([] if impossible is None else [impossible])
     for doubt in found:
         assert doubt.fault.column == "constraint.C1"
-        assert f"{c1:g} {unit or 'kPa, as no unit is stated'}" in str(doubt)
-        assert (f"{c1:g} MPa would be" in str(doubt)) is (unit is None)
+        assert f"{c1:g} {unit or 'kPa'}" in str(doubt)
+        assert (f"{c1:g} MPa" in str(doubt)) is (unit in (None, "MPa"))
 
 
 def medians(study):
@@ -176,6 +176,9 @@ def test_priors_of_c3_go_as_the_c1_that_is_stated_or_that_films_have():
     measured = medians(silicone_study(0.012))
     assert measured["c1_at_0"] == pytest.approx(0.012, rel=1e-9)
     assert measured["c3_at_0"] / 0.012 == pytest.approx(gelatin["c3_at_0"] / 0.3)
+    [said] = [cost for what, cost in outline(silicone_study(0.012)).missing if "c1_at_0" in what]
+    assert "0.04 times" in said
+    assert not [what for what, _ in outline(stated).missing if "c1_at_0" in what]
     own = {"c1_at_0": LogNormal(0.012, 0.5), "c3_at_0": LogNormal(1e-5, 1.0)}
     assert medians(silicone_study(0.012, priors=own))["c3_at_0"] == pytest.approx(1e-5)
 
