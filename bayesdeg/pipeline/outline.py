@@ -286,12 +286,12 @@ def _of_own_material(
     C3 goes as C1, in whose units it is large or small. C2 has a ratio for its parameter.
     """
     stated, laws = study.settings.priors, {p.name: p.law for p in usual}
-    fresh, own = node_name("c1", 0.0), stated.keys() & {n for n in laws if n.startswith("c1_")}
-    if fresh in own:
+    fresh, of_c1 = node_name("c1", min(gelatin.c1)), {n for n in laws if n.startswith("c1_")}
+    if fresh in stated:
         factor = _over(stated[fresh], laws[fresh])
     else:
-        factor = 1.0 if own else times_stiffer(study, gelatin)
-    found = {n: _times(law, factor) for n, law in laws.items() if n.startswith("c1_")}
+        factor = 1.0 if stated.keys() & of_c1 else times_stiffer(study, gelatin)
+    found = {n: _times(laws[n], factor) for n in of_c1}
     for name, law in laws.items():
         if name.startswith("c3_"):
             c1 = name.replace("c3_", "c1_", 1)
@@ -303,12 +303,14 @@ def _followed(
     usual: Iterable[Parameter], study: Study, gelatin: Expected
 ) -> tuple[tuple[str, str], ...]:
     """Say that priors follow the films, where these are of another material and none is stated."""
-    now = {p.name: p.law for p in usual}[node_name("c1", 0.0)]
-    factor = _over(now, gelatin.c1[0.0])
-    if factor == 1.0 or node_name("c1", 0.0) in study.settings.priors:
+    first = min(gelatin.c1)
+    name = node_name("c1", first)
+    now = {p.name: p.law for p in usual}[name]
+    factor = _over(now, gelatin.c1[first])
+    if factor == 1.0 or name in study.settings.priors:
         return ()
-    facts = {"factor": factor, "c1": float(now.quantile(0.5))}
-    return (("[priors] c1_at_0", _sentences("priors_follow", **facts)),)
+    facts = {"factor": factor, "c1": float(now.quantile(0.5)), "name": name}
+    return ((f"[priors] {name}", _sentences("priors_follow", **facts)),)
 
 
 def _over(one: Law, other: Law) -> float:
