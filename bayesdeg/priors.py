@@ -397,6 +397,78 @@ class Uniform(Law):
 
 
 @dataclass(frozen=True)
+class Choice(Law):
+    """One state of two: a parameter that has it, or its neutral value where its cause is not there.
+
+    Its evidence is that of a model with the state against one without. A sampler needs a density:
+    it moves within ±1e-5 of the state, by a normal law, and `ParameterTable.named` gives the state.
+    It cannot be stated in a study: nothing about it can be believed but how likely the cause is.
+
+    Examples
+    --------
+    >>> exchanged = Choice(state=1.0, neutral=0.0)
+    >>> exchanged.allows(0.0), exchanged.allows(0.4), exchanged.allows(1.0)
+    (True, False, True)
+    >>> float(exchanged.settled(np.array(1.0 - 1e-6)))
+    1.0
+    """
+
+    state: float
+    neutral: float
+
+    def __post_init__(self) -> None:
+        require_finite(self.state, "state")
+        require_finite(self.neutral, "neutral")
+
+    def __str__(self) -> str:
+        """Return the two states."""
+        return f"either {self.neutral:g} or {self.state:g}"
+
+    @cached_property
+    def _about(self) -> TruncatedNormal:
+        sd = 1e-6
+        return TruncatedNormal(self.state, sd, self.state - 10.0 * sd, self.state + 10.0 * sd)
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return self._about.support
+
+    @override
+    def allows(self, x: float) -> bool:
+        return x in (self.state, self.neutral)
+
+    @override
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        return self._about.log_density(x)
+
+    @override
+    def untruncated_log_density(self, x: npt.ArrayLike) -> FloatArray:
+        return self._about.untruncated_log_density(x)
+
+    @override
+    def quantile(self, u: npt.ArrayLike) -> FloatArray:
+        return self._about.quantile(u)
+
+    @override
+    def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
+        return self._about.to_unconstrained(x)
+
+    @override
+    def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
+        return self._about.from_unconstrained(z)
+
+    @override
+    def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
+        return self._about.log_jacobian(z)
+
+    def settled(self, x: FloatArray) -> FloatArray:
+        """Return the state for values about it, and others as they are."""
+        low, high = self.support
+        return np.where((x >= low) & (x <= high), self.state, x)
+
+
+@dataclass(frozen=True)
 class Flat(Law):
     """Density 1 between low and high, of which at least one is infinite: no probability law.
 
@@ -466,6 +538,7 @@ class Flat(Law):
 
 __all__ = [
     "LAWS",
+    "Choice",
     "FloatArray",
     "HalfCauchy",
     "HalfNormal",
@@ -682,6 +755,8 @@ class ParameterTable:
         found: dict[str, FloatArray] = dict.fromkeys(self.names, vectors)
         for law, columns in self._together:
             values = law.from_unconstrained(vectors[..., columns])
+            if isinstance(law, Choice):
+                values = law.settled(values)
             for k, i in enumerate(columns):
                 parameter = self.parameters[i]
                 found[parameter.name] = at_least(values[..., k], parameter.least)

@@ -19,7 +19,7 @@ from bayesdeg.data.settings import Settings
 from bayesdeg.laboratory.experiment import PRESSURES, Design, VirtualExperiment, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Three, Truth, drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.priors import Law, LogNormal, Normal, Parameter
+from bayesdeg.priors import Choice, Law, LogNormal, Normal, Parameter
 
 SIZES = (0.6, 1.0, 1.4, 1.8)
 LARGEST_PRESSURE = 200.0  # kPa; beyond, soft draws of the material balloon
@@ -60,7 +60,6 @@ USUAL: Mapping[str, Mapping[str, float]] = {
     "humidity_drift": {"stiffening": 0.08, "time_constant": 900.0},
     "mullins": {"softening": 0.08, "onset": 0.1},
     "curvature_reading": {"fibre_height": 5.0, "magnification": 0.0},
-    "stress_measure": {"confusion": 0.4},
 }
 # not on the bounds of the priors, which no interval of the size could hold
 LARGEST: Mapping[str, float] = {
@@ -70,7 +69,6 @@ LARGEST: Mapping[str, float] = {
     "erosion": 0.18,
     "initial_curvature": 0.027,
     "gravity": 1800.0,
-    "stress_measure": 0.9,
 }
 RISING = ("pressure_offset", "initial_curvature")  # hardly visible with the other sign
 
@@ -255,6 +253,8 @@ def _sized(name: str, size: float, generator: np.random.Generator) -> HiddenEffe
     cause = CATALOGUE[name]
     values = dict(USUAL.get(name, cause.typical))
     first = cause.parameters[0]
+    if isinstance(first.law, Choice):
+        return HiddenEffect(cause, values)
     scaled = min(values[first.name] * size, LARGEST.get(name, np.inf))
     either = np.isfinite(float(first.law.log_density(-scaled))) and name not in RISING
     values[first.name] = -scaled if either and generator.random() < 0.5 else scaled

@@ -508,19 +508,18 @@ def traced_above(size: float, generator: np.random.Generator) -> Physical:
     return Physical("curvature_reading", {"fibre_height": height}, read=read)
 
 
-def over_width(size: float, generator: np.random.Generator) -> Physical:
-    """Forces on films were divided by the width that a camera saw, and the first thickness."""
-    power = min(0.5 * size, 0.9)
+def over_area(size: float, generator: np.random.Generator) -> Physical:
+    """Forces on films were divided by the area that two cameras saw, and not by the first."""
 
     def recorded(tables: Tables, generator: np.random.Generator) -> Tables:
         films = tables["tensile"]
-        width = films["stretch"] ** -power  # over the first one; both would be λ⁻¹
+        area = 1.0 / films["stretch"]  # over the first one
         return {
             **tables,
-            "tensile": films.assign(stress_MPa=(films["stress_MPa"] / width).round(6)),
+            "tensile": films.assign(stress_MPa=(films["stress_MPa"] / area).round(6)),
         }
 
-    return Physical("stress_measure", {"confusion": power}, recorded=recorded)
+    return Physical("stress_measure", {"confusion": 1.0}, recorded=recorded)
 
 
 def other_pot(size: float, generator: np.random.Generator) -> Physical:
@@ -642,7 +641,7 @@ HAPPENS: Mapping[str, Callable[[float, np.random.Generator], Physical]] = {
     "shrinkage_reading": wetter_walls,
     "gravity": weighty,
     "curvature_reading": traced_above,
-    "stress_measure": over_width,
+    "stress_measure": over_area,
     "degradation_misread": other_pot,
     "degradation_scale": other_basis,
     "erosion": eaten_walls,

@@ -196,7 +196,7 @@ PLANTED = {
     FLAWS: Planted("careful", {FLAWS: {"cut": 1.5, "widening": 0.4, "onset": 20.0}}, bursts=True),
     "brittle_films": Planted("careful", {}, bursts=True, twin=FLAWS, elongation=BRITTLE),
     "stress_measure": Planted(
-        "careful", {"stress_measure": {"confusion": 0.4}}, bursts=True, twin=FLAWS
+        "careful", {"stress_measure": {"confusion": 1.0}}, bursts=True, twin=FLAWS
     ),
     "outside_one_batch": Planted(
         "angle", {"outside_one_batch": {"log_ratio": 0.4}}, levels=EVERY_LEVEL

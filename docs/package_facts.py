@@ -170,6 +170,7 @@ def keys_of_study_toml() -> list[Entry]:
     defaults = {f.name: f.default for owner in (MixtureRecipe, Settings) for f in fields(owner)}
     defaults |= {f"own_{f.name}": f.default for f in fields(OwnForward)}
     defaults |= {"kind": Settings().kind, "constraint_height_mm": MISSING}
+    defaults |= {"constraint_unit": "kPa"}
     defaults |= {"stretch_range": MISSING, "source": VendorFigures().source}
     rows = []
     for entry in ENTRIES:

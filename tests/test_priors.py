@@ -10,12 +10,14 @@ from scipy import integrate, stats
 
 from bayesdeg.priors import (
     LAWS,
+    Choice,
     HalfCauchy,
     HalfNormal,
     Law,
     LogNormal,
     Normal,
     Parameter,
+    ParameterTable,
     StudentT,
     TruncatedNormal,
     Uniform,
@@ -35,6 +37,7 @@ PAIRS = [
     (TruncatedNormal(1.0, 2.0, -1.0, 1.5), stats.truncnorm(-1.0, 0.25, loc=1.0, scale=2.0)),
     (TruncatedNormal(0.0, 1.0, 4.0, INF), stats.truncnorm(4.0, INF)),
     (TruncatedNormal(0.0, 1.0, -INF, -3.0), stats.truncnorm(-INF, -3.0)),
+    (Choice(1.0, 0.0), stats.truncnorm(-10.0, 10.0, loc=1.0, scale=1e-6)),
 ]
 LAW_LIST = [law for law, _ in PAIRS]
 each_pair = pytest.mark.parametrize(("law", "reference"), PAIRS, ids=lambda item: repr(item)[:45])
@@ -103,7 +106,7 @@ def test_jacobian_is_the_derivative_of_the_transform(law, z):
 @each_law
 @given(z=st.floats(-1e300, 1e300))
 def test_transform_never_leaves_the_support(law, z):
-    if isinstance(law, TruncatedNormal):
+    if isinstance(law, TruncatedNormal | Choice):
         assert law.from_unconstrained(z) == z
     else:
         low, high = law.support
@@ -115,7 +118,7 @@ def test_density_on_the_unconstrained_scale_integrates_to_one(law):
     def density(z):
         return math.exp(float(law.log_density(law.from_unconstrained(z)) + law.log_jacobian(z)))
 
-    if isinstance(law, TruncatedNormal):
+    if isinstance(law, TruncatedNormal | Choice):
         low, high = np.clip(law.support, -12.0, 12.0)
     else:
         low, high = -40.0, 40.0
@@ -137,6 +140,15 @@ def test_untruncated_density_is_smooth_over_the_bound():
     assert (right - left) / (2.0 * step) == pytest.approx(0.2 / 0.25, rel=1e-6)
     assert (right - 2.0 * middle + left) / step**2 == pytest.approx(-4.0, rel=1e-4)
     assert float(law.log_density(-step)) == -INF
+
+
+def test_a_choice_has_its_state_and_without_its_cause_the_neutral_value():
+    table = ParameterTable((Parameter("exchanged", Choice(1.0, 0.0), neutral=0.0),))
+    drawn = table.named(table.sample(np.random.default_rng(1), 100))["exchanged"]
+    assert (drawn == 1.0).all()
+    assert table.named(np.zeros((1, 1)))["exchanged"] == 0.0
+    with pytest.raises(ValueError, match="either 0 or 1"):
+        Parameter("exchanged", Choice(1.0, 0.0), neutral=0.5)
 
 
 def test_student_sd_is_the_standard_deviation():

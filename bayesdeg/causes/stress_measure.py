@@ -7,7 +7,7 @@ Mechanism
 Equation
     What is labelled nominal is λ^s times the nominal stress, what is labelled Cauchy λ^(−s) times
     the Cauchy stress: s = 0 as labelled, s = 1 exchanged, in uniaxial, equibiaxial and planar
-    tension alike; between them areas were measured while the film was still narrowing.
+    tension alike. Nothing lies between: evidence is that of two models.
 
 Typical size
     s = 1. A neo-Hookean solid stretched to 3.1 seems 32 % too soft at small strain and to have a
@@ -30,7 +30,7 @@ import numpy as np
 
 from bayesdeg.causes.blindness import in_one_mode_and_measure
 from bayesdeg.causes.cause import Cause, Effect, FilmConditions, Floats, Stage
-from bayesdeg.priors import Parameter, TruncatedNormal
+from bayesdeg.priors import Choice, Parameter
 
 
 def confuse_measure(
@@ -48,7 +48,7 @@ CAUSE = Cause(
     parameters=(
         Parameter(
             "confusion",
-            TruncatedNormal(0.5, 1.0, 0.0, 1.0),
+            Choice(state=1.0, neutral=0.0),
             "–",
             "0: the stress is the one labelled; 1: nominal and Cauchy stress are exchanged",
             0.0,

@@ -9,6 +9,7 @@ from typing import Literal, Protocol, get_args
 
 Kind = Literal["pneunet", "ribbed", "cylindrical", "mesh"]
 ConstraintKind = Literal["paper", "film", "elastomer", "none"]
+StressUnit = Literal["MPa", "kPa"]
 Passive = Literal["open", "pressurised", "solid", "none"]
 Section = Literal["block", "round"]
 
@@ -170,7 +171,7 @@ class Constraint:
             )
         if not (isfinite(self.c1) and self.c1 > 0.0):
             return (
-                f"an elastomer layer with C1 = {self.c1:g} kPa has no stiffness; give C1 in kPa",
+                f"an elastomer layer with C1 = {self.c1:g} kPa has no stiffness; give C1 above 0",
             )
         lowest = -sqrt(3.0 * self.c1 * max(self.c3, 0.0))
         if self.c3 >= 0.0 and (self.c2 >= 0.0 or self.c2 > lowest):

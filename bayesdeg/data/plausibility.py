@@ -84,6 +84,9 @@ THICKEST_WITHOUT_BENDING = 0.2
 BENDING_LEFT_OUT = 15.0
 #: Share of the largest volume that may be read at zero pressure.
 LARGEST_VOLUME_AT_REST = 0.1
+#: C1 of what actuators are moulded or printed of [MPa]: from gels of E = 3 kPa, softer than the
+#: softest silicones (Ecoflex 00-10: some 5 kPa), to polyurethanes of E = 48 MPa.
+SOFTEST, STIFFEST = 5e-4, 8.0
 #: Two full turns: clamp and tip of a bar would long have met.
 MOST_TURNING = 4.0 * np.pi
 #: Stretch; the toughest hydrogels reach 23 (Sun et al. 2012, doi:10.1038/nature11409).
@@ -184,14 +187,65 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
     with np.errstate(all="ignore"):
         of_films = _tension(study, expected)
         trusted = None if of_films else study.tensile
+        films = _in_likely_unit(study, expected) if of_films else film_moduli(trusted)
+        material = _Material(expected, films[films["c1"] > 0.0])
         found = [*of_films, *_elongation(study.breaks, trusted, expected)]
         found += [*_published(study, expected), *_rates(study), *_thick_layer(study.settings)]
+        found += _layer_unit(study.settings, material)
         if study.actuator is not None:
-            films = film_moduli(trusted)
-            found += _bending(study, _Material(expected, films[films["c1"] > 0.0]))
+            found += _bending(study, material)
             found += _conditions(study.actuator)
         found += names_alike(study)
     return tuple(_where_it_stands(doubt, study) for doubt in found)
+
+
+def times_stiffer(study: Study, expected: Expected) -> float:
+    """Return by how much a study's material is stiffer than expected, where it is another one.
+
+    1 where it is as expected, where no elastomer has the C1 that its films or moduli give, and
+    where actuators bend as the expected material would: then a unit is wrong.
+
+    Parameters
+    ----------
+    study : Study
+        Whose tables have no faults of their own.
+    expected : Expected
+        What the priors of another material say, none of them stated for this one.
+    """
+    with np.errstate(all="ignore"):
+        c1 = _known_c1(study)
+        log_factor, impossible = _off_prior(
+            np.log(c1["c1"].to_numpy(float)), c1["rate"].to_numpy(float), expected.c1
+        )
+        if impossible is None or not SOFTEST <= c1["c1"].median() <= STIFFEST:
+            return 1.0
+        if _off_bending(study, expected, c1.iloc[:0]) < _off_bending(study, expected, c1):
+            return 1.0
+    return _factor(log_factor)
+
+
+def _off_bending(study: Study, expected: Expected, films: pd.DataFrame) -> float:
+    """Return how far bending is off what the C1 of films gives, or of priors; 0 if none is read.
+
+    The size of ln of the factor.
+    """
+    curves = [] if study.actuator is None else _curves(study.actuator)
+    if not curves:
+        return 0.0
+    mould = study.settings.dimensions
+    length = 1e-3 * mould.length * expected.linear_scale
+    material = _Material(expected, films)
+    return abs(float(np.median(_log_bending(curves, material, bending_of_beam(mould), length))))
+
+
+def _known_c1(study: Study) -> pd.DataFrame:
+    """Return C1 [MPa] with its degradation rate [%]: of films, and of published moduli."""
+    found = film_moduli(study.tensile)[["rate", "c1"]]
+    if study.summary is not None:
+        rows = study.summary[study.summary["quantity"] == "young_modulus"]
+        moduli = {"rate": rows["degradation_pct"].fillna(0.0), "c1": rows["value"] / 6.0}
+        found = pd.DataFrame({k: [*found[k], *moduli[k]] for k in moduli}, dtype=float)
+    return found[found["c1"] > 0.0]
 
 
 def _where_it_stands(doubt: Doubt, study: Study) -> Doubt:
@@ -470,7 +524,9 @@ def _moduli(films: pd.DataFrame, expected: Expected) -> Iterator[Doubt]:
     middle = int(np.argmin(np.abs(np.log(c1 / np.median(c1)))))
     prior = np.exp(_prior_at(expected.c1, rates[[middle]])[0][0])
     factor = _factor(log_factor)
-    guess = _likely(factor, STRESS_UNITS, NEAR_UNIT_OF_PRIOR)
+    units = _stress_units(films, log_factor)
+    guess = f"likely in {' or '.join(units)}" if units else OTHER_UNIT
+    impossible = impossible or not SOFTEST <= np.median(c1) <= STIFFEST
     rate = " at this degradation rate" if rates.any() else ""
     problem = (
         f"gives C1 = {c1[middle]:.3g} MPa at small strain; the films are {_times(factor)} "
@@ -479,6 +535,34 @@ def _moduli(films: pd.DataFrame, expected: Expected) -> Iterator[Doubt]:
     remedy = "give MPa; if the stress is right, state the prior of c1_at_… in study.toml"
     name, stress = str(films.index[middle]), float(films["stress"].iloc[middle])
     yield Doubt(_fault("tensile.csv", name, "stress_MPa", stress, problem, remedy), impossible)
+
+
+def _stress_units(films: pd.DataFrame, log_factor: float) -> list[str]:
+    """Return the units in which the stress of films may be, the likeliest first.
+
+    That which the factor to the prior gives; and kPa, where no elastomer has the C1 that is read,
+    while the thousandth of it is that of one.
+    """
+    unit = nearest_unit(_factor(log_factor), STRESS_UNITS, NEAR_UNIT_OF_PRIOR)
+    found, c1 = [unit] if unit else [], float(films["c1"].median())
+    if STIFFEST < c1 <= STRESS_UNITS["kPa"] * STIFFEST and unit != "kPa":
+        found.append("kPa")
+    return found
+
+
+def _in_likely_unit(study: Study, expected: Expected) -> pd.DataFrame:
+    """Return films that are in doubt as the likeliest unit of their stress makes them.
+
+    Of several the one with which the actuators bend as they do. None of the films where no unit
+    explains them: what is compared with C1 is then left to the priors.
+    """
+    films = film_moduli(study.tensile)
+    films = films[films["c1"] > 0.0]
+    logs, rates = np.log(films["c1"].to_numpy(float)), films["rate"].to_numpy(float)
+    log_factor, impossible = _off_prior(logs, rates, expected.c1)
+    units = [] if impossible is None else _stress_units(films, log_factor)
+    tried = [films.assign(c1=films["c1"] / STRESS_UNITS[unit]) for unit in units]
+    return min(tried, key=lambda one: _off_bending(study, expected, one), default=films.iloc[:0])
 
 
 def _odd_films(films: pd.DataFrame) -> Iterator[Doubt]:
@@ -701,6 +785,33 @@ class _Material:
         levels = np.log(self.films["c1"]).groupby(self.films["rate"]).median()
         at = levels.index.to_numpy(float)
         return np.exp(np.interp(rates, at, levels.to_numpy(float))), "the films"
+
+
+def _layer_unit(settings: Settings, material: _Material) -> Iterator[Doubt]:
+    """Doubt constants of an elastomer layer that are far softer than the body, or than any.
+
+    A layer is there to stretch less. Where no unit is stated it is kPa; a layer that is then
+    softer than the body may be meant in MPa.
+    """
+    if not settings.constraint.is_slab:
+        return
+    layer, value = settings.constraint.constants[0], settings.constraint_c1
+    known, source = material.c1(np.zeros(1))
+    body, stated = float(known[0]), settings.constraint_unit
+    softest = body / (LEAST_FACTOR if stated is None else IMPOSSIBLE_FACTOR)
+    if not (layer < softest or layer > STIFFEST):
+        return
+    in_mpa = (
+        f"; {value:g} MPa would be {_times(value / body)} it"
+        if stated is None and layer < softest
+        else ""
+    )
+    problem = (
+        f"is {value:g} {stated or 'kPa, as no unit is stated'}: {_times(layer / body)} the C1 of "
+        f"the body ({1e3 * body:.3g} kPa by {source}){in_mpa}"
+    )
+    remedy = 'write unit = "MPa" or unit = "kPa" in [constraint], of C1, C2 and C3'
+    yield Doubt(_fault("study.toml", None, "constraint.C1", value, problem, remedy), stated is None)
 
 
 def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:
@@ -948,23 +1059,27 @@ def _wound(curves: list[_Curve], length: float) -> Iterator[Doubt]:
     yield from _all(_told(faults, len(curves)), impossible=True)
 
 
+def _log_bending(curves: list[_Curve], material: _Material, beam: float, length: float) -> Floats:
+    """Return ln of each actuator's bending over what C1 and the dimensions give."""
+    pressure = np.array([curve.pressure[-1] for curve in curves])
+    turned = np.array([max(curve.curvature[-1] * length, SMALLEST_ANGLE) for curve in curves])
+    load = 1e-3 * pressure / material.c1(np.array([curve.rate for curve in curves]))[0]
+    with np.errstate(divide="ignore"):
+        return np.log(turned / (beam * load))
+
+
 def _compliance(
     curves: list[_Curve], material: _Material, beam: float, length: float
 ) -> Iterator[Doubt]:
     """Doubt pressure or curvature of all actuators together, against C1 and the dimensions."""
-    rates = np.array([curve.rate for curve in curves])
-    pressure = np.array([curve.pressure[-1] for curve in curves])
-    turned = np.array([max(curve.curvature[-1] * length, SMALLEST_ANGLE) for curve in curves])
-    c1, source = material.c1(rates)
-    load = 1e-3 * pressure / c1
-    with np.errstate(divide="ignore"):
-        off = np.log(turned / (beam * load))
+    off = _log_bending(curves, material, beam, length)
     log_factor = float(np.median(off))
     if not abs(log_factor) > np.log(LEAST_FACTOR):  # nan where nothing is known of C1
         return
     at = int(np.argsort(off)[len(off) // 2])
-    compared = f"{source} ({c1[at]:.3g} MPa at {rates[at]:g} %)"
-    ratios = (_factor(log_factor), float(load[at]))
+    c1, source = material.c1(np.array([curves[at].rate]))
+    compared = f"{source} ({c1[0]:.3g} MPa at {curves[at].rate:g} %)"
+    ratios = (_factor(log_factor), float(1e-3 * curves[at].pressure[-1] / c1[0]))
     fault = _stiff_or_soft(curves[at], ratios, compared, length)
     yield Doubt(fault, bool(abs(log_factor) >= np.log(IMPOSSIBLE_BENDING)))
 

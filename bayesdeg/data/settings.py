@@ -33,6 +33,7 @@ from bayesdeg.data.families import (
     Passive,
     RibbedDimensions,
     Section,
+    StressUnit,
 )
 from bayesdeg.data.foreign import DECIMALS, DELIMITERS, ForeignTable
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
@@ -394,7 +395,9 @@ class Settings:
         Height of the layer's middle over the bottom [mm]; by default it lies on the bottom, or in
         the middle of an actuator with two halves.
     constraint_c1, constraint_c2, constraint_c3 : float
-        Yeoh constants of a layer of elastomer [kPa].
+        Yeoh constants of a layer of elastomer, in its unit.
+    constraint_unit : {"MPa", "kPa"}, optional
+        Unit of these; kPa where none is stated, as before there was a choice.
     recipe : MixtureRecipe
         Parts by mass and densities of what films are poured of.
     priors : mapping of str to Law
@@ -457,6 +460,7 @@ class Settings:
     constraint_c1: float = 0.0
     constraint_c2: float = 0.0
     constraint_c3: float = 0.0
+    constraint_unit: StressUnit | None = None
     recipe: MixtureRecipe = field(default_factory=MixtureRecipe)
     priors: Mapping[str, Law] = field(default_factory=dict)
     degradation_sd_pct: float = 1.0
@@ -495,13 +499,14 @@ class Settings:
         """The layer that does not stretch."""
         if self.constraint_kind != "elastomer":
             return Constraint(self.constraint_kind, self.constraint_height_mm)
+        kpa = 1e3 if self.constraint_unit == "MPa" else 1.0
         return Constraint(
             self.constraint_kind,
             self.constraint_height_mm,
             self.paper_thickness_mm,
-            self.constraint_c1,
-            self.constraint_c2,
-            self.constraint_c3,
+            kpa * self.constraint_c1,
+            kpa * self.constraint_c2,
+            kpa * self.constraint_c3,
         )
 
 
@@ -708,9 +713,16 @@ ENTRIES: tuple[_Entry, ...] = (
         _POSITIVE,
         "constraint_thickness_mm",
     ),
-    _Entry("constraint", "C1", "a number above 0 [kPa]", _POSITIVE, "constraint_c1"),
-    _Entry("constraint", "C2", "a number [kPa]", Number, "constraint_c2"),
-    _Entry("constraint", "C3", "a number not below 0 [kPa]", _DEGRADATION, "constraint_c3"),
+    _Entry("constraint", "C1", "a number above 0, in its unit", _POSITIVE, "constraint_c1"),
+    _Entry("constraint", "C2", "a number, in its unit", Number, "constraint_c2"),
+    _Entry("constraint", "C3", "a number not below 0, in its unit", _DEGRADATION, "constraint_c3"),
+    _Entry(
+        "constraint",
+        "unit",
+        "MPa or kPa, of C1, C2 and C3; kPa if not stated",
+        StressUnit,
+        "constraint_unit",
+    ),
     *(_recipe(entry.name) for entry in fields(MixtureRecipe)),
     _Entry(
         "noise",
@@ -1082,16 +1094,16 @@ def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
         return tuple(
             Fault(
                 FILE,
-                "is a constant of an elastomer, and the layer is none",
+                "is of a layer of elastomer, and the layer is none",
                 'remove it, or write kind = "elastomer"',
                 _row_of(text, "constraint", key),
                 _dotted("constraint", key),
                 _as_written(table[key]),
             )
-            for key in ("C1", "C2", "C3")
+            for key in ("C1", "C2", "C3", "unit")
             if key in table
         )
-    needed = {"thickness": "mm", "C1": "kPa"}
+    needed = {"thickness": "mm", "C1": 'MPa, with unit = "MPa"'}
     there = table.keys() | tables.get("paper", {}).keys()
     return tuple(
         Fault(

@@ -349,7 +349,7 @@ def _number(text: str, cause: Cause, parameter: Parameter) -> float:
         value = float(text)
     except ValueError:
         raise BayesdegError(f"{name}: {text!r} is not a number; {example}") from None
-    if not math.isfinite(value) or not math.isfinite(float(parameter.law.log_density(value))):
+    if not math.isfinite(value) or not parameter.law.allows(value):
         raise BayesdegError(f"{name}: {text} is impossible under {parameter.law}; {example}")
     low, middle, high = (float(parameter.law.quantile(q)) for q in (0.001, 0.5, 0.999))
     least, most = middle - FARTHEST * (middle - low), middle + FARTHEST * (high - middle)

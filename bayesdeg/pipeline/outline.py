@@ -15,7 +15,7 @@ from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import Acting, applied, with_causes
 from bayesdeg.data.cells import IN_QUOTES
-from bayesdeg.data.plausibility import Expected
+from bayesdeg.data.plausibility import Expected, times_stiffer
 from bayesdeg.data.settings import FILE
 from bayesdeg.data.shrinkage import linear_scale
 from bayesdeg.data.study import Study
@@ -38,6 +38,7 @@ from bayesdeg.observations.specimens import (
 )
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import (
+    Choice,
     Law,
     LogNormal,
     Parameter,
@@ -109,12 +110,21 @@ class Outline:
     @property
     def expected(self) -> Expected:
         """What the priors expect of readings, with which these are compared."""
-        laws = {parameter.name: parameter.law for parameter in self.base}
-        return Expected(
-            _at_nodes("c1", self.nodes, laws),
-            _at_nodes("elongation", self.elongation_nodes, laws),
-            _linear_scale(self.statistics, laws),
-        )
+        return _expected(self.base, self.nodes, self.elongation_nodes, self.statistics)
+
+
+def _expected(
+    base: Iterable[Parameter],
+    nodes: Nodes,
+    elongation_nodes: Nodes,
+    statistics: tuple[Statistic, ...],
+) -> Expected:
+    laws = {parameter.name: parameter.law for parameter in base}
+    return Expected(
+        _at_nodes("c1", nodes, laws),
+        _at_nodes("elongation", elongation_nodes, laws),
+        _linear_scale(statistics, laws),
+    )
 
 
 def _statistics(observations: tuple[Observations, ...]) -> tuple[Statistic, ...]:
@@ -178,6 +188,8 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
     usual = _default_priors(base, _statistics(found))
     usual = with_priors(usual, vendor_prior(study) if by_vendor else {})
+    gelatin = _expected(usual, nodes, elongation_nodes, _statistics(found))
+    usual = _of_own_material(usual, study, gelatin)
     return Outline(
         base=(
             *with_priors(usual, study.settings.priors),
@@ -189,7 +201,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         largest=max(pressures, default=240.0),
         candidates=candidates,
         unjudged=unjudged,
-        missing=(*unlinked(found), *_missing(study)),
+        missing=(*unlinked(found), *_missing(study), *_followed(usual, study, gelatin)),
         alike=alike,
         counts=counts,
         of_counts=of_counts,
@@ -275,6 +287,53 @@ def _vendor_elongation(study: Study, found: tuple[Observations, ...]) -> bool:
     return stated and any(one.uses_forward for one in found)
 
 
+def _of_own_material(
+    usual: tuple[Parameter, ...], study: Study, gelatin: Expected
+) -> tuple[Parameter, ...]:
+    """Return parameters with the priors of gelatin's constants brought to a study's material.
+
+    C1 at every rate goes as the fresh one that is stated, else as films of another material say;
+    C3 goes as C1, in whose units it is large or small. C2 has a ratio for its parameter.
+    """
+    stated, laws = study.settings.priors, {p.name: p.law for p in usual}
+    fresh, of_c1 = node_name("c1", min(gelatin.c1)), {n for n in laws if n.startswith("c1_")}
+    if fresh in stated:
+        factor = _over(stated[fresh], laws[fresh])
+    else:
+        factor = 1.0 if stated.keys() & of_c1 else times_stiffer(study, gelatin)
+    found = {n: _times(laws[n], factor) for n in of_c1}
+    for name, law in laws.items():
+        if name.startswith("c3_"):
+            c1 = name.replace("c3_", "c1_", 1)
+            found[name] = _times(law, _over(stated.get(c1, found[c1]), laws[c1]))
+    return with_priors(usual, found)
+
+
+def _followed(
+    usual: Iterable[Parameter], study: Study, gelatin: Expected
+) -> tuple[tuple[str, str], ...]:
+    """Say that priors follow the films, where these are of another material and none is stated."""
+    first = min(gelatin.c1)
+    name = node_name("c1", first)
+    now = {p.name: p.law for p in usual}[name]
+    factor = _over(now, gelatin.c1[first])
+    if factor == 1.0 or name in study.settings.priors:
+        return ()
+    facts = {"factor": factor, "c1": float(now.quantile(0.5)), "name": name}
+    return ((f"[priors] {name}", _sentences("priors_follow", **facts)),)
+
+
+def _over(one: Law, other: Law) -> float:
+    """Return the ratio of two medians of what is positive; 1 where the first is not."""
+    ratio = float(one.quantile(0.5) / other.quantile(0.5))
+    return ratio if ratio > 0.0 else 1.0
+
+
+def _times(law: Law, factor: float) -> Law:
+    """Return the law of what is so many times as large."""
+    return LogNormal(law.median * factor, law.sigma) if isinstance(law, LogNormal) else law
+
+
 def vendor_prior(study: Study) -> dict[str, Law]:
     """Return the prior of the fresh elongation at break that a vendor's figure amounts to."""
     figure = study.settings.vendor.elongation_at_break
@@ -356,6 +415,11 @@ def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
     for parameter in cause.parameters:
         name = cause.qualified(parameter.name)
         law = stated.get(name, parameter.law)
+        if isinstance(parameter.law, Choice) and name in stated:
+            problem = f"is {parameter.law}, which is no range for a prior"
+            remedy = "remove it; to rule the cause out, leave it out of [causes] candidates"
+            faults.append(Fault("study.toml", problem, remedy, None, f"priors.{name}", str(law)))
+            continue
         neutral = float(law.to_unconstrained(parameter.neutral or 0.0))
         if np.isfinite(neutral) and law.allows(parameter.neutral or 0.0):
             parameters.append(replace(parameter, law=law))

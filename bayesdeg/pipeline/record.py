@@ -45,7 +45,7 @@ from bayesdeg.pipeline.films import CourseFit, Films
 from bayesdeg.pipeline.judge import Judgement, not_converged, readings_misfit
 from bayesdeg.pipeline.missing import description_entry
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.priors import Parameter
+from bayesdeg.priors import Choice, Parameter
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
     AbsorbedEntry,
@@ -787,8 +787,10 @@ def _named(judgement: Judgement, name: str) -> _NamedCause:
 
 def _size(parameter: Parameter, effect: EffectSize) -> str:
     unit = "" if effect.unit == "–" else f" {effect.unit}"
-    interval = f"90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
-    return f"{parameter.meaning}: {effect.mean:.3g}{unit}, {interval}"
+    size = f"{parameter.meaning}: {effect.mean:.3g}{unit}"
+    if isinstance(parameter.law, Choice):
+        return size
+    return f"{size}, 90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
 
 
 def _rival(judgement: Judgement) -> _Rival | None:

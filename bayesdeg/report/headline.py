@@ -279,7 +279,7 @@ def size_of(verdict: VerdictRecord, cause: str, *, interval: bool) -> str:
     unit = "" if effect.unit in ("", NOTHING) else f"{SPACE}{effect.unit}"
     said = "" if unit else f"{words(name)} "
     ends = f" [{number(effect.q05)},{SPACE}{number(effect.q95)}]"
-    known = interval and effect.q05 is not None and effect.q95 is not None
+    known = interval and effect.q05 is not None and effect.q05 != effect.q95
     return f"{said}{number(effect.mean)}{unit}{ends if known else ''}"
 
 

@@ -104,6 +104,8 @@ def test_settings_are_written_as_they_are_read(text):
         (ELASTOMER + "C4 = 1.0\n", 6, "constraint.C4", "1.0", "known key"),
         (ELASTOMER.replace("60.0", "0.0"), 5, "constraint.C1", "0.0", "above 0"),
         ("[constraint]\nC1 = 3.0\n", 2, "constraint.C1", "3.0", "elastomer"),
+        ('[constraint]\nunit = "MPa"\n', 2, "constraint.unit", '"MPa"', "elastomer"),
+        (f'{ELASTOMER}unit = "Pa"\n', 6, "constraint.unit", '"Pa"', "MPa or kPa"),
         (ELASTOMER.replace("C1 = 60.0", ""), 3, "constraint.kind", '"elastomer"', "C1"),
         (
             ELASTOMER.replace("thickness = 0.8", ""),

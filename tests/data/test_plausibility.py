@@ -17,7 +17,6 @@ from bayesdeg.data.plausibility import (
     PRESSURE_UNITS,
     STEEPEST,
     STRESS_UNITS,
-    Expected,
     bending_of_beam,
     doubts,
     film_moduli,
@@ -83,27 +82,114 @@ def test_there_are_studies_to_be_sound():
     assert len(SHIPPED) >= 25
 
 
-def test_a_soft_silicone_under_the_priors_of_gelatin_is_unlikely_and_not_refused():
-    """Ecoflex 00-30 has C1 near 0.01 MPa; with a prior that says so nothing is in doubt."""
+def silicone_films(c1, factor=1.0):
+    """Return a film of a neo-Hookean silicone, its stress times a factor."""
     stretch = np.linspace(1.1, 9.0, 15)
-    film = pd.DataFrame(
+    return pd.DataFrame(
         {
             "specimen_id": "e",
             "degradation_pct": 0.0,
             "degradation_sd_pct": 1.0,
             "mode": "uniaxial",
             "stretch": stretch,
-            "stress_MPa": 0.02 * (stretch - stretch**-2.0),
+            "stress_MPa": factor * 2.0 * c1 * (stretch - stretch**-2.0),
             "stress_measure": "nominal",
             "temperature_C": np.nan,
         }
     )
-    study = Study("silicone", Path(), tensile=film)
-    [doubt] = doubts(study, outline(study).expected)
-    assert not doubt.impossible
-    assert "c1_at_" in doubt.fault.remedy
-    stated = Expected({0.0: LogNormal(0.01, 0.5)}, {})
-    assert doubts(study, stated) == ()
+
+
+def silicone_study(c1, factor=1.0, priors=None):
+    """Return films of a silicone and actuators that are as soft: gelatin's, at softer pressures."""
+    gelatin, _ = shipped("gelatin_actuator")
+    fresh = gelatin.actuator[gelatin.actuator["degradation_pct"] == 0.0]
+    soft = fresh.assign(pressure_kPa=fresh["pressure_kPa"] * c1 / 0.3)
+    settings = replace(gelatin.settings, priors=priors or {})
+    films = silicone_films(c1, factor)
+    return Study("silicone", Path(), settings=settings, tensile=films, actuator=soft)
+
+
+@pytest.mark.parametrize("c1", [0.005, 0.012, 0.06, 3.0])
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_material_that_is_merely_another_is_in_no_doubt(c1, stated):
+    study = silicone_study(c1, priors={"c1_at_0": LogNormal(c1, 0.5)} if stated else None)
+    for one in (study, replace(study, actuator=None)):
+        assert doubts(one, outline(one).expected) == ()
+
+
+@pytest.mark.parametrize("c1", [0.005, 0.012, 0.04, 0.3])
+@pytest.mark.parametrize("stated", [False, True])
+def test_stress_in_kpa_is_refused_whatever_the_material(c1, stated):
+    study = silicone_study(c1, 1e3, {"c1_at_0": LogNormal(c1, 0.5)} if stated else None)
+    if c1 < 0.01 and not stated:  # 5 MPa: a polyurethane's, were it not for the actuators
+        found = doubts(study, outline(study).expected)
+        assert any(doubt.impossible for doubt in found)
+        return
+    for one in (study, replace(study, actuator=None)):
+        [doubt] = doubts(one, outline(one).expected)
+        assert doubt.impossible
+        assert "kPa" in doubt.fault.problem.partition("likely in ")[2]
+
+
+def layered(c1, unit, body=0.3):
+    """Return a study of films and actuators with a layer of elastomer."""
+    study = silicone_study(body)
+    layer = {"constraint_kind": "elastomer", "paper_thickness_mm": 1.0, "constraint_c1": c1}
+    return replace(study, settings=replace(study.settings, **layer, constraint_unit=unit))
+
+
+@pytest.mark.parametrize(
+    ("c1", "unit", "body", "impossible"),
+    [
+        (900.0, None, 0.3, None),
+        (900.0, "kPa", 0.3, None),
+        (0.9, "MPa", 0.3, None),
+        (60.0, None, 0.012, None),
+        (2.0, "MPa", 0.012, None),
+        (0.9, None, 0.3, True),  # 0.9 kPa, a 333rd of the body
+        (2.0, None, 0.012, True),
+        (0.9, "kPa", 0.3, False),
+        (900.0, "MPa", 0.3, False),
+    ],
+)
+def test_a_layer_a_thousandfold_off_is_seen(c1, unit, body, impossible):
+    study = layered(c1, unit, body)
+    found = doubts(study, outline(study).expected)
+    assert [doubt.impossible for doubt in found] == ([] if impossible is None else [impossible])
+    for doubt in found:
+        assert doubt.fault.column == "constraint.C1"
+        assert f"{c1:g} {unit or 'kPa'}" in str(doubt)
+        assert (f"{c1:g} MPa" in str(doubt)) is (unit in (None, "MPa"))
+
+
+def medians(study):
+    return {
+        p.name: float(p.law.quantile(0.5))
+        for p in outline(study).base
+        if p.name.startswith(("c1_", "c3_"))
+    }
+
+
+def test_priors_of_c3_go_as_the_c1_that_is_stated_or_that_films_have():
+    gelatin = medians(silicone_study(0.3))
+    stated = silicone_study(0.012, priors={"c1_at_0": LogNormal(0.012, 0.5)})
+    assert medians(stated)["c3_at_0"] / 0.012 == pytest.approx(gelatin["c3_at_0"] / 0.3)
+    measured = medians(silicone_study(0.012))
+    assert measured["c1_at_0"] == pytest.approx(0.012, rel=1e-9)
+    assert measured["c3_at_0"] / 0.012 == pytest.approx(gelatin["c3_at_0"] / 0.3)
+    [said] = [cost for what, cost in outline(silicone_study(0.012)).missing if "c1_at_0" in what]
+    assert "0.04 times" in said
+    assert not [what for what, _ in outline(stated).missing if "c1_at_0" in what]
+    own = {"c1_at_0": LogNormal(0.012, 0.5), "c3_at_0": LogNormal(1e-5, 1.0)}
+    assert medians(silicone_study(0.012, priors=own))["c3_at_0"] == pytest.approx(1e-5)
+
+
+def test_priors_of_gelatin_stay_where_its_c1_is_as_expected():
+    assert medians(shipped("gelatin_actuator")[0]) == pytest.approx(
+        {"c1_at_0": 0.3, "c1_control_12_5": 0.6, "c1_at_25": 1.5}
+        | {"c3_at_0": 1.5e-3, "c3_control_12_5": 1e-2, "c3_at_25": 0.1},
+        rel=1e-12,
+    )
 
 
 def test_compression_is_no_wrong_sign():

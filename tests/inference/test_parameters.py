@@ -13,6 +13,7 @@ from bayesdeg.material.degradation import NODES
 from bayesdeg.observations.curvature import actuator_parameters
 from bayesdeg.observations.specimens import elongation_parameters, material_parameters, node_name
 from bayesdeg.priors import (
+    Choice,
     HalfNormal,
     LogNormal,
     Normal,
@@ -92,6 +93,9 @@ def test_prior_draws_follow_the_laws_and_the_seed():
     values = TABLE.named(vectors)
     assert np.all(np.isfinite(TABLE.log_prior(vectors)))
     for p in TABLE.parameters:
+        if isinstance(p.law, Choice):
+            assert np.all(values[p.name] == p.law.state)
+            continue
         below = np.mean(values[p.name] < p.law.quantile(0.3))
         assert below == pytest.approx(0.3, abs=4.5 * np.sqrt(0.21 / 4000)), p.name
 

@@ -207,6 +207,10 @@ def test_priors_of_the_study_replace_those_of_base_and_causes(tmp_path):
     [
         ('[priors]\nvolum_ratio = { law = "normal", mean = 0.6, sd = 0.1 }', "volume_ratio"),
         ('[causes]\ncandidates = ["pressure_los"]', "pressure_loss"),
+        (
+            '[priors]\n"stress_measure.confusion" = { law = "uniform", low = 0.0, high = 1.0 }',
+            "either 0 or 1",
+        ),
         ("[actuator]\nheight = 11.0", r"height = 11 \(trained: 10\).*bayesdeg emulate"),
     ],
 )

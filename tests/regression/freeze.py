@@ -39,6 +39,7 @@ SIZES = (1.0, 0.5, 0.75)  # of a cause, in typical ones
 TOGETHER = 0.3  # of a typical size, where all causes act at once
 # causes that no other study can show; the others are frozen elsewhere
 ONLY = {"planted 11": ("gravity", "mullins"), "planted 19": ("flaw_embrittlement", "erosion")}
+CHOICES = {"stress_measure.confusion"}  # of two states, which have no size
 READINGS = ("readings_pointwise", "expected", "simulated", "replicated")
 
 
@@ -122,7 +123,8 @@ def extended_vectors(
     rows = []
     for vector, size in zip(vectors, sizes, strict=False):
         known = dict(zip(base.names, vector, strict=True))
-        known |= {name: model.column(name, size * value) for name, value in typical.items()}
+        sized = {name: v if name in CHOICES else size * v for name, v in typical.items()}
+        known |= {name: model.column(name, value) for name, value in sized.items()}
         rows.append([known[name] for name in model.names])
     return np.array(rows)
 
