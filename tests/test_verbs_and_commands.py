@@ -25,7 +25,7 @@ from tests.pipeline.planted_offset import COUNTS, DRY, SETTINGS, SUMMARY, emulat
 pytestmark = pytest.mark.slow
 
 CANDIDATES = '"pressure_offset", "dry_embrittlement", "flaw_embrittlement"'
-PREDICTED = {"pressure": [60, 120], "degradation": [0, 25]}
+PREDICTED = {"pressure": [60, 160], "degradation": [0, 25]}
 DUTY = {"pressure": 60.0, "curvature": 10.0, "hours": [0, 4, 8]}
 
 
@@ -117,7 +117,7 @@ def test_the_final_model_has_the_cause_of_rupture_and_the_same_draws(run, fits):
 
 def test_predict(run, fits):
     table, said = said_by(bd.predict, fits[2], **PREDICTED)
-    options = ["--pressure", "60,120", "--degradation", "0,25"]
+    options = ["--pressure", "60,160", "--degradation", "0,25"]
     assert_same_answer((table, said), answer("predict", run, *options))
     # without what the verdict says of ruptures they look rarer
     plain = bd.calibrate(fits[0].model.with_causes(*fits[1].causes), workers=1)

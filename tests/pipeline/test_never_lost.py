@@ -367,7 +367,7 @@ def test_the_search_for_suspects_and_the_verdict_with_them_may_break(monkeypatch
     monkeypatch.setattr(run, "without_suspects", fault)
     monkeypatch.setattr(run, "_decision_of", fault)
     assert run._without_suspects(None, found, None, guard) is found
-    assert run._judged_with_suspects(found, None, None, None, None, guard) == found
+    assert run.judged_with_suspects(found, None, None, None, None, guard) == found
     stages = [one.stage for one in guard.left_out]
     assert stages == [OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS]
 

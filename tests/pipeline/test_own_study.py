@@ -327,7 +327,7 @@ def test_a_run_says_where_its_map_has_no_answer(folder):
     run, verdict = RunFolder(out).read_run(), RunFolder(out).read_verdict()
     assert run.forward_map == verdict.forward_map
     assert 0.0 < verdict.forward_map.proposals_unanswered < 0.5
-    assert run.counts["proposals refused by the emulator, base"] > 0
+    assert sum(n for name, n in run.counts.items() if "refused" in name) > 0
     [said] = doubts_of(verdict)
     [at_once] = forward_map_words(assemble(read_study(folder)).answers)
     console, page = result.stderr.split(), (out / "index.html").read_text(encoding="utf-8")

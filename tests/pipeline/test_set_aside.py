@@ -11,14 +11,16 @@ from bayesdeg.criticism.checks.suspects import Irregularity, Oddity, Suspect
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.pipeline import experiment, run
 from bayesdeg.pipeline import suspects as screening
 from bayesdeg.pipeline.aside import Aside, is_set_aside, set_aside
 from bayesdeg.pipeline.assemble import Assembly
+from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import suspects_of
 from bayesdeg.pipeline.suspects import assemble_screened
 from bayesdeg.pipeline.writing import BUILDS
 from bayesdeg.report.headline import doubts_of
-from bayesdeg.report.record import SuspectEntry, VerdictRecord
+from bayesdeg.report.record import InDoubt, SuspectEntry, VerdictRecord
 from bayesdeg.report.tables import SUSPECTS
 from bayesdeg.report.wording import sentences
 
@@ -162,3 +164,29 @@ def test_the_reader_learns_what_the_verdict_would_be_with_them():
     alike = {"outcome": "adequate", "suspects": [entry.document()]}
     same = VerdictRecord.read(alike | {"with_suspects": {"outcome": "adequate"}})
     assert "same" in doubts_of(same)[1]
+
+
+def test_python_judges_with_all_that_was_set_aside_too(study, monkeypatch):
+    told, decision = [], SimpleNamespace(outcome=Outcome.NAMED)
+
+    def decided(whole, forward, *_):
+        assert len(whole.actuator) == len(study.actuator)
+        assert forward is None
+        return decision
+
+    def doubted(_, results):
+        told.append(results.with_suspects)
+        return InDoubt()
+
+    model = SimpleNamespace(forward=None, actuator=None)
+    monkeypatch.setattr(run, "_decision_of", decided)
+    monkeypatch.setattr(experiment, "can_be_judged", lambda _: True)
+    monkeypatch.setattr(experiment, "judged_fit", lambda *_, **__: object())
+    monkeypatch.setattr(experiment, "in_doubt", doubted)
+    monkeypatch.setattr(experiment, "verdict_of", lambda *_: VerdictRecord(outcome="adequate"))
+    fit = SimpleNamespace(model=model)
+    for aside, expected in (((picture(study),), decision), ((), None)):
+        assembly = Assembly(model, (), {}, (), aside=aside, whole=study)
+        judging = experiment.ModelledExperiment(study, assembly)
+        judging.judge(fit, "quick", 1, Silent(), None)
+        assert told.pop() is expected
