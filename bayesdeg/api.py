@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.actuator.families import geometry_of, geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.actuator.status import Backend
 from bayesdeg.causes.cause import Cause
 from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
@@ -57,6 +58,7 @@ def emulator(
     cache: Path | str = CACHE,
     workers: int | None = None,
     progress: bool | None = None,
+    backend: Backend | str = Backend.KERNELS,
 ) -> Surrogate:
     """Return an emulator of an actuator: shipped, trained here before, or trained now.
 
@@ -73,6 +75,9 @@ def emulator(
         Processes; by default one for each core.
     progress : bool, optional
         Whether to show how far it is; by default where somebody looks at it.
+    backend : {"kernels", "scikit-fem"}
+        What assembles the finite elements that it is trained on. With scikit-fem, which takes
+        forty times as long, one is trained even where one ships.
 
     Returns
     -------
@@ -88,11 +93,12 @@ def emulator(
     """
     shape = _moulded(geometry)
     refuse_whole_range(shape)
-    found = find(shape, cache=Path(cache))
+    recipe = Recipe(backend=Backend(backend))
+    found = find(shape, recipe=recipe, cache=Path(cache))
     if found.surrogate is not None:
         return found.surrogate
     with _work(progress, workers, parallel=True) as (show, executor):
-        campaign = Campaign(shape, Recipe(), SolutionStore(CAMPAIGN), executor)
+        campaign = Campaign(shape, recipe, SolutionStore(CAMPAIGN), executor)
         trained = train_emulator(campaign, expect(campaign, show), show)
     write_trained(found.path, trained)
     return trained

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from bayesdeg.commands.training import Manner, emulator_for
+from bayesdeg.actuator.status import Backend
+from bayesdeg.commands.training import Manner, emulator_for, refuse_cells
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -37,6 +38,7 @@ def run(
     scheduler: str | None,
     emulator: Path | None,
     refine: bool,
+    backend: Backend,
     fresh: bool,
     yes: bool,
     as_json: bool,
@@ -47,6 +49,7 @@ def run(
         found = read_study(study, progress)
     checked = with_options(found, effort, seed)
     unlikely, own = _doubts(checked), checked.settings.forward is not None
+    refuse_cells(checked.settings, backend)
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes
     workers, scheduler = (1, None) if own else (workers, scheduler)
@@ -57,7 +60,7 @@ def run(
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        manner = Manner(yes=yes, quiet=quiet, refine=refine)
+        manner = Manner(yes=yes, quiet=quiet, refine=refine, backend=backend)
         forward = None if own else emulator_for(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:

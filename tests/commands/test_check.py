@@ -9,6 +9,7 @@ import pytest
 
 from bayesdeg import cli
 
+TIMES = ("before", "after")
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
@@ -80,3 +81,20 @@ def test_one_actuator_with_ten_times_the_pressure_is_named_and_not_refused(
     assert "1 in doubt" in said
     [line] = [line for line in said.splitlines() if line.startswith("in doubt:")]
     assert "specimen 'A10-2', column pressure_kPa, value '2400'" in line
+
+
+def test_both_ways_to_the_volume_ratio_and_the_control_of_eq_6_are_said(
+    tmp_path, monkeypatch, capsys
+):
+    states = [f"mass_{state}_{time}_g" for state in ("dry", "equilibrated") for time in TIMES]
+    rows = ("a,30,0.60,0.45,0.75,0.54", "b,30,0.60,0.46,0.75,0.552")  # 25 and 20 % of moisture
+    made = shutil.copytree(STUDIES / "gelatin_actuator", tmp_path / "made")
+    header = ",".join(["specimen_id", "time_min", *states])
+    (made / "mass_loss.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", str(made)])
+    assert cli.exit_code() == 0
+    said = "".join(capsys.readouterr())
+    assert "volume ratio α of 4 films: 0.639 ± 0.011 by the volumes of the components" in said
+    assert "by Eqs 15 and 16 as printed" in said
+    # 25 and 23.3 % of the mass over a rate of 20 %
+    assert "2 samples: 1.21 ± 0.042 with moisture on the dry basis (published: 0.8574" in said
