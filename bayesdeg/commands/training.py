@@ -228,8 +228,8 @@ def _known(
     own = _kept_for(geometry, first, manner)
     for path, surrogate in covering(geometry, wanted, CACHE):
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
-        wanting = wanting or backend_of(surrogate.record) is not manner.backend
-        if surrogate.units != first.units or wanting or is_refined(surrogate.record):
+        is_other = wanting or backend_of(surrogate.record) is not manner.backend
+        if surrogate.units != first.units or is_other or is_refined(surrogate.record):
             continue
         done = not _ends_refined(geometry, first) or went_to_its_end(surrogate.record)
         if path == own and done and is_fitted_as_now(surrogate.record):

@@ -145,6 +145,7 @@ def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, command)
         np.testing.assert_allclose(found.gradients[-1], expected.gradients[-1], rtol=0.1, atol=0.1)
 
 
+@pytest.mark.slow
 def test_run_takes_no_emulator_of_another_assembly(here, command, pipeline):
     code, _, err = command("run", "study", "--workers", 1, "--yes")
     assert code == 0, err
