@@ -108,7 +108,9 @@ def left_of(hours: Floats, saturation: float) -> Floats:
         q = K W\!\left(e^{(1 - (K + 1) t)/K}/K\right)
     """
     inside = np.exp((1.0 - (saturation + 1.0) * hours) / saturation) / saturation
-    found: Floats = saturation * np.asarray(lambertw(inside.astype(np.complex128))).real
+    found: Floats = saturation * np.array(
+        [lambertw(complex(one)).real for one in inside.ravel()]
+    ).reshape(inside.shape)
     return found
 
 

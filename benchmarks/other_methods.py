@@ -27,6 +27,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -374,11 +375,9 @@ def _fitted(part: Discrepancy) -> tuple[Floats, Floats]:
 
     def least(start: Floats) -> Floats:
         reach = 4.0 * width[-len(start) :]
-        low, high = centre[-len(start) :] - reach, centre[-len(start) :] + reach
-        bounds = list(zip(low.tolist(), high.tolist(), strict=True))
-        options = {"maxiter": 40}
-        found = minimize(against, start, method="L-BFGS-B", bounds=bounds, options=options)
-        return np.asarray(found.x)
+        bounds = np.stack([centre[-len(start) :] - reach, centre[-len(start) :] + reach], axis=1)
+        how: dict[str, Any] = {"bounds": bounds, "options": {"maxiter": 40}}
+        return np.asarray(minimize(against, start, method="L-BFGS-B", **how).x)
 
     alone = least(np.zeros(2))
     starts = (np.concatenate([np.repeat(np.log(start), numbers[:3]), alone]) for start in STARTS)

@@ -48,8 +48,7 @@ def run(
     with shown(quiet) as progress:
         found = read_study(study, progress)
     checked = with_options(found, effort, seed)
-    unlikely, own = _doubts(checked), checked.settings.forward is not None
-    refuse_cells(checked.settings, backend)
+    unlikely, own = _doubts(checked, backend), checked.settings.forward is not None
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes
     workers, scheduler = (1, None) if own else (workers, scheduler)
@@ -60,7 +59,7 @@ def run(
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        manner = Manner(yes=yes, quiet=quiet, refine=refine, backend=backend)
+        manner = Manner(yes, quiet, refine, backend)
         forward = None if own else emulator_for(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
@@ -78,11 +77,12 @@ def run(
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
 
 
-def _doubts(study: Study) -> tuple[Doubt, ...]:
+def _doubts(study: Study, backend: Backend) -> tuple[Doubt, ...]:
     """Return what is unlikely, and refuse what is impossible before a folder is made."""
     if study.settings.forward is not None:
         assemble(study)
         return ()
+    refuse_cells(study.settings, backend)
     return refuse_impossible(doubts(study, outline(study).expected))
 
 

@@ -156,7 +156,8 @@ def test_run_takes_no_emulator_of_another_assembly(here, command, pipeline):
     assert len(solved()) == 2 * before
     code, _, err = command("run", "study", "--emulator", "given.npz", "--backend", "scikit-fem")
     assert code == 2
-    assert "given.npz was trained on curves of the kernels" in err
+    assert "given.npz" in err
+    assert "kernels" in err
 
 
 def test_quiet_says_nothing(here, command):
