@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.actuator.families import geometry_of, geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.actuator.status import Backend
 from bayesdeg.causes.cause import Cause
 from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
@@ -44,7 +45,7 @@ from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import EFFORTS, Effort
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict
-from bayesdeg.training import RECIPE, STORE, Manner, emulator_for
+from bayesdeg.training import STORE, Manner, emulator_for
 
 Floats = NDArray[np.float64]
 Causes = Literal["all"] | str | Iterable[Cause | str]
@@ -56,6 +57,7 @@ def emulator(
     cache: Path | str = CACHE,
     workers: int | None = None,
     progress: bool | None = None,
+    backend: Backend | str = Backend.KERNELS,
 ) -> Surrogate:
     """Return an emulator of an actuator: shipped, trained here before, or trained now.
 
@@ -74,6 +76,9 @@ def emulator(
         Processes; by default one for each core.
     progress : bool, optional
         Whether to show how far it is; by default where somebody looks at it.
+    backend : {"kernels", "scikit-fem"}
+        What assembles the finite elements that it is trained on. With scikit-fem, which takes
+        forty times as long, one is trained even where one ships.
 
     Returns
     -------
@@ -92,26 +97,26 @@ def emulator(
     BayesdegError
         If it is an actuator that no emulator can be trained for.
     """
+    wanted = can_show_bars() if progress is None else progress
+    manner = Manner(yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend))
     if isinstance(geometry, Study) and geometry.actuator is not None:
-        wanted = can_show_bars() if progress is None else progress
-        manner = Manner(yes=True, quiet=not wanted, cache=Path(cache))
         with _work(progress, workers, parallel=True) as (_, executor):
             of_study = emulator_for(geometry, None, manner=manner, executor=executor)
         assert of_study is not None
         return of_study
-    return _of_whole_range(_moulded(geometry), Path(cache), workers, progress)
+    return _of_whole_range(_moulded(geometry), manner, workers, progress)
 
 
 def _of_whole_range(
-    shape: Moulded, cache: Path, workers: int | None, progress: bool | None
+    shape: Moulded, manner: Manner, workers: int | None, progress: bool | None
 ) -> Surrogate:
     """Return an emulator of the whole range, which is trained if there is none yet."""
     refuse_whole_range(shape)
-    found = find(shape, recipe=RECIPE, cache=cache)
+    found = find(shape, recipe=manner.recipe, cache=manner.cache)
     if found.surrogate is not None:
         return found.surrogate
     with _work(progress, workers, parallel=True) as (show, executor):
-        campaign = Campaign(shape, RECIPE, SolutionStore(STORE), executor)
+        campaign = Campaign(shape, manner.recipe, SolutionStore(STORE), executor)
         expectation = expect(campaign, show)
         study = rough_seconds(shape.dimensions, shape.constraint, workers=campaign.workers)
         _warn(

@@ -14,16 +14,18 @@ from rich.table import Table
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.status import Status
+from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.console import errors, shown
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.families import MeshDimensions
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.part import read_part
+from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import (
     AT_THE_POSTERIOR,
     CACHE,
     Recipe,
+    backend_of,
     duration,
     has_ground,
     local_recipe,
@@ -58,7 +60,7 @@ from bayesdeg.emulator.trained import (
     went_to_its_end,
     write_trained,
 )
-from bayesdeg.errors import Stopped
+from bayesdeg.errors import BayesdegError, Stopped
 from bayesdeg.pipeline.emulation import (
     AskedAfterwards,
     Campaign,
@@ -103,12 +105,24 @@ class Manner:
         Whether it corrects what there is, or what it trained, where the study's posterior lies.
     cache : Path
         Folder of trained emulators.
+    backend : Backend
+        What assembles the finite elements.
     """
 
     yes: bool = False
     quiet: bool = False
     refine: bool = False
     cache: Path = CACHE
+    backend: Backend = Backend.KERNELS
+
+    @property
+    def recipe(self) -> Recipe:
+        """That of an emulator of the whole range."""
+        return replace(RECIPE, backend=self.backend)
+
+    def local_recipe(self, geometry: Moulded) -> Recipe:
+        """Return that of an emulator for one study."""
+        return replace(LOCAL(geometry.dimensions), backend=self.backend)
 
 
 def emulator_for(
@@ -149,6 +163,7 @@ def _found_or_trained(
     if given is not None:
         trained = read_trained(given)
         refuse_lacking(trained, asked_beside, uncertain if study.actuator is not None else ())
+        _refuse_assembled(given, trained, manner)
         if study.actuator is None:
             return trained
         return surrogate_for(geometry_of_study(study.settings), trained)
@@ -158,7 +173,7 @@ def _found_or_trained(
     mould = geometry.dimensions
     if isinstance(mould, MeshDimensions) and mould.assumption and not manner.quiet:
         _print(mould.assumption)
-    found = find(geometry, recipe=RECIPE, cache=manner.cache)
+    found = find(geometry, recipe=manner.recipe, cache=manner.cache)
     is_known = found.surrogate is not None and not lacking(found.surrogate, asked_beside)
     if found.surrogate is not None:
         reason = lacking(found.surrogate, asked_beside, uncertain)
@@ -170,7 +185,7 @@ def _found_or_trained(
         asked = asked_of(study, study.settings.seed)
     units = units_for(geometry, asked)
     first = replace(
-        local_design(asked, LOCAL(geometry.dimensions), units),
+        local_design(asked, manner.local_recipe(geometry), units),
         with_forces="tip_force" in asked_beside,
     ).departing_with(uncertain, alone=is_known and geometry.dimensions == Dimensions())
     known = _known(study, first, span_of(asked.in_units(units), wider=0.0), manner)
@@ -183,15 +198,43 @@ def _found_or_trained(
     return train_where_asked(study, first, executor, manner)
 
 
+def _refuse_assembled(given: Path, trained: Surrogate, manner: Manner) -> None:
+    """Refuse a file whose curves the kernels assembled where another backend is asked for."""
+    if manner.backend not in (Backend.KERNELS, backend_of(trained.record)):
+        raise BayesdegError(
+            f"{given} was trained on curves of the {backend_of(trained.record)}; make it with "
+            f"'bayesdeg emulate --backend {manner.backend}', or leave --backend out"
+        )
+
+
+def refuse_cells(settings: Settings, backend: Backend) -> None:
+    """Refuse tetrahedra where scikit-fem is to assemble, whose weak form is of bricks.
+
+    Raises
+    ------
+    BayesdegError
+        If they are.
+    """
+    mould = settings.dimensions
+    if backend is Backend.KERNELS or not isinstance(mould, MeshDimensions):
+        return
+    if read_part(mould.path).is_tetrahedral:
+        raise BayesdegError(
+            f"{mould.file} is of tetrahedra, and {backend} assembles bricks alone; "
+            f"take --backend {Backend.KERNELS}"
+        )
+
+
 def _known(
     study: Study, first: LocalDesign, wanted: TrainingRange, manner: Manner
 ) -> Surrogate | None:
     """Return an emulator that was trained for this study, or one that answers it as well."""
     geometry = geometry_of_study(study.settings)
-    own = _kept_for(geometry, first, manner.cache)
+    own = _kept_for(geometry, first, manner)
     for path, surrogate in covering(geometry, wanted, manner.cache):
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
-        if surrogate.units != first.units or wanting or is_refined(surrogate.record):
+        is_other = wanting or backend_of(surrogate.record) is not manner.backend
+        if surrogate.units != first.units or is_other or is_refined(surrogate.record):
             continue
         done = not _ends_refined(geometry, first) or went_to_its_end(surrogate.record)
         if path == own and done and is_fitted_as_now(surrogate.record):
@@ -206,10 +249,11 @@ def _ends_refined(geometry: Moulded, design: LocalDesign) -> bool:
     return has_ground(geometry) and not design.only_departure and LAST_ROUNDS > 0
 
 
-def _kept_for(geometry: Moulded, first: LocalDesign, cache: Path) -> Path:
+def _kept_for(geometry: Moulded, first: LocalDesign, manner: Manner) -> Path:
     """Return where an emulator is kept whose training began with a design."""
-    campaign = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), design=first)
-    return cache / f"{campaign.key()[:16]}.npz"
+    recipe = manner.local_recipe(geometry)
+    campaign = Campaign(geometry, recipe, SolutionStore(STORE), design=first)
+    return manner.cache / f"{campaign.key()[:16]}.npz"
 
 
 def _asked_after(study: Study, surrogate: Surrogate, manner: Manner) -> AskedAfterwards:
@@ -256,7 +300,7 @@ def train_where_asked(
         If the user does not want to wait, or stops it.
     """
     geometry, store = geometry_of_study(study.settings), SolutionStore(STORE)
-    recipe, design = LOCAL(geometry.dimensions), first
+    recipe, design = manner.local_recipe(geometry), first
     is_refined_last = _ends_refined(geometry, first)
     last_curves = AT_THE_POSTERIOR if is_refined_last else 0
     base: Trial | None = None
@@ -286,7 +330,7 @@ def train_where_asked(
                 _print(f"{fault}; the emulator stays as it was trained")
         else:
             campaigns.append(last)
-    _keep(campaigns, _kept_for(geometry, first, manner.cache), surrogate, manner)
+    _keep(campaigns, _kept_for(geometry, first, manner), surrogate, manner)
     return surrogate
 
 
@@ -317,7 +361,7 @@ def refined_emulator(
         If too few curves say anything.
     """
     geometry = geometry_of_study(study.settings)
-    begun = Campaign(geometry, LOCAL(geometry.dimensions), SolutionStore(STORE), executor)
+    begun = Campaign(geometry, manner.local_recipe(geometry), SolutionStore(STORE), executor)
     campaign, refined = _refined(study, ground, begun, REFINING_ROUNDS, manner)
     found = replace(refined, record=asked_for(refined.record))
     key = sha256((campaign.key() + ground.record).encode()).hexdigest()

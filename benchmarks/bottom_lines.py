@@ -74,14 +74,14 @@ def solved(mesh: ActuatorMesh, count: int) -> BottomLines:
             placed = moved.body.nodes + point.state.displacement
             lines.append(placed[moved.bottom_line][:, (0, 2)])
         print(f"curve {i}: {path.status.name}, bent by {np.degrees(angle):.1f}°", flush=True)
-    curve, *others = np.array(rows).T
-    return BottomLines(curve.astype(np.int64), *others, np.array(lines).round(5))
+    curve, angle_, length, group = np.array(rows).T
+    return BottomLines(curve.astype(np.int64), angle_, length, group, np.array(lines).round(5))
 
 
 def departures(found: BottomLines) -> dict[str, NDArray[np.float64]]:
     """Return by operator how far what it reads is from its ratio [%]."""
     contract = 1e3 * found.bend_angle / found.arc_length
-    departure = {}
+    departure: dict[str, NDArray[np.float64]] = {}
     for operator in OPERATORS:
         ratio, _ = operator_ratio(operator, POINTS)(found.bend_angle, found.paper_group)
         read = [read_line(evenly(line, POINTS), operator).curvature for line in found.points]

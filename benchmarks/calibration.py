@@ -31,6 +31,7 @@ there, or be lengthened.
 """
 
 import os
+from typing import Any
 
 # before the libraries read them
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -136,13 +137,13 @@ def one(folder: Path, seed: int) -> Replicate:
     simulation, calibration = sequence.spawn(2)
     vector, data, refused = drawn(model(folder), np.random.default_rng(simulation))
     begin = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as scratch:
         fit = calibrate(
             data,
             "replicate",
             effort=EFFORTS[EFFORT],
             seed=calibration,
-            checkpoints=Checkpoints(Path(folder), str(seed)),
+            checkpoints=Checkpoints(Path(scratch), str(seed)),
             progress=Silent(),
         )
     return Replicate(
@@ -228,7 +229,7 @@ def made(study: Path, seeds: Sequence[int], workers: int) -> Iterator[Replicate]
         yield from executor.map(partial(one, study), seeds)
 
 
-def judged(done: Sequence[Replicate]) -> dict[str, object]:
+def judged(done: Sequence[Replicate]) -> dict[str, Any]:
     """Return the document's figures of ranks."""
     names = list(done[0].ranks)
     ranks = {name: np.array([d.ranks[name] for d in done]) for name in names}

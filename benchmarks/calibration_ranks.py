@@ -56,8 +56,8 @@ def band(count: int, largest: int, probability: float = 0.95) -> tuple[Floats, F
 
 
 def _bounds(count: int, points: Floats, level: float) -> tuple[Floats, Floats]:
-    lower = stats.binom.ppf(0.5 * level, count, points)
-    return lower, stats.binom.ppf(1.0 - 0.5 * level, count, points)
+    lower, upper = (stats.binom.ppf(q, count, points) for q in (0.5 * level, 1.0 - 0.5 * level))
+    return np.asarray(lower), np.asarray(upper)
 
 
 @cache
@@ -67,7 +67,7 @@ def _steps(count: int, largest: int) -> tuple[Floats, ...]:
     gained, left = counts[None, :] - counts[:, None], count - counts[:, None]
     points = np.arange(largest + 1) / (largest + 1.0)
     shares = np.diff(points) / (1.0 - points[:-1])
-    return tuple(stats.binom.pmf(gained, left, share) for share in shares)
+    return tuple(np.asarray(stats.binom.pmf(gained, left, share)) for share in shares)
 
 
 def _stays(steps: tuple[Floats, ...], lower: Floats, upper: Floats) -> float:

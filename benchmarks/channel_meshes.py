@@ -69,12 +69,13 @@ def extrapolated(sizes: Floats, values: Floats) -> Floats:
 
     def misfit(at: Floats) -> Floats:
         ends = values[-1] * (1.0 + at[1:])
-        return (values[:-1] / ends - 1.0 - (values[-1] / ends - 1.0) * (
-            (sizes[:-1, None] / sizes[-1]) ** at[0])).ravel()  # fmt: skip
+        left = values[-1] / ends - 1.0
+        ratio = (sizes[:-1, None] / sizes[-1]) ** at[0]
+        return np.asarray(values[:-1] / ends - 1.0 - left * ratio).ravel()
 
     start = np.concatenate([[1.2], np.full(values.shape[1], 0.01)])
     best = least_squares(misfit, start, bounds=(np.r_[0.8, -0.3 + 0 * start[1:]], 3.0))
-    return values[-1] * (1.0 + best.x[1:])
+    return np.asarray(values[-1] * (1.0 + best.x[1:]), dtype=np.float64)
 
 
 def of_case(name: str) -> dict[str, Any]:

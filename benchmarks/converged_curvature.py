@@ -40,7 +40,8 @@ from scipy.optimize import brentq
 from bayesdeg.actuator.curve import MODEL_VERSION, Actuator
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh, graded
+from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, graded
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.trained import default_surrogate
 

@@ -26,6 +26,7 @@ and judged by the same exact curves as the package's own. ``--only`` measures so
 """
 
 import os
+from typing import Any
 
 # before the libraries read them
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -53,7 +54,7 @@ from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, is_refined, read_trained
 
-Document = dict[str, object]
+Document = dict[str, Any]
 STORE = Path(".cache/campaign")
 
 
@@ -72,7 +73,7 @@ def accuracy(emulator: Surrogate, store: SolutionStore, document: Document) -> D
     pairs = emulator_errors.compare(emulator, curves)
     found = emulator_errors.errors(pairs)
     limit = emulator_errors.limits_left_out(emulator, store)
-    named = {"": found["curvature"], "bend_angle_": found["bend_angle"]}
+    named: dict[str, Any] = {"": found["curvature"], "bend_angle_": found["bend_angle"]}
     for name, spread in (named | {"stretch_": found["peak_stretch"], "limit_": limit}).items():
         for kind in ("p95", "max"):
             document[f"{name}error_{kind}_pct"] = spread.get(f"{kind}_pct")

@@ -12,7 +12,8 @@ from forward_case import interleaved, say
 
 from bayesdeg.actuator.curve import SAMPLING, Actuator, Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.actuator.mesh import build_mesh
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import PLANS, WHOLE, FitPlan, Run, runs, train
 from bayesdeg.emulator.kept import Recipe, mesh_error_of
@@ -54,7 +55,7 @@ def variants(many: int, few: int) -> dict[str, Variant]:
 
 def measured(
     shipped: Surrogate, store: SolutionStore, curves: Sequence[HeldOut], *, chosen: Sequence[str]
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Train the chosen variants, all if none; return their errors and what their runs cost."""
     recipe, geometry = Recipe(), Geometry(Dimensions())
     wanted = runs(geometry, recipe)
@@ -148,7 +149,7 @@ def share_of_derivatives(
     return with_derivatives / values
 
 
-def table(found: Mapping[str, object]) -> str:
+def table(found: Mapping[str, Any]) -> str:
     """Return the variants as lines of text."""
     lines = [f"{'trained on':32} core h   p95 %   max %  refused"]
     for name, facts in found.items():

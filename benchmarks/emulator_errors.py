@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from emulator_held_out import HeldOut, inputs_of
@@ -158,7 +159,7 @@ def limits(emulator: Surrogate, runs: Sequence[tuple[Curve, PathSamples]]) -> di
     }
 
 
-def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, object]:
+def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, Any]:
     """Compare with fine curves that end, the limit fitted without their coarse twins.
 
     The shift between the meshes comes from every second fine curve, and the others are judged.

@@ -18,9 +18,9 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
-from bayesdeg.actuator.curve import Curve, PathSamples, relative_to_reference
-from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
+from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.emulator.campaign import Finished, Kind, Run, complete, missing
 from bayesdeg.emulator.regression import FLOOR, Observed, observe
@@ -174,7 +174,7 @@ def left_out(gaps: Sequence[Gap]) -> Floats:
     return np.vstack(errors)
 
 
-def _runs(levels: Sequence[Level], count: int, geometry: Geometry, mesh: Resolution) -> list[Run]:
+def _runs(levels: Sequence[Level], count: int, geometry: Moulded, mesh: Resolution) -> list[Run]:
     # the first of more curves are those of fewer
     sampler = qmc.Sobol(len(COORDINATES), rng=np.random.default_rng(7))
     unit = sampler.random(2 ** int(np.ceil(np.log2(count))))[:count]
@@ -196,7 +196,7 @@ def exact_paths(
     store: SolutionStore,
     *,
     count: int,
-    geometry: Geometry,
+    geometry: Moulded,
     mesh: Resolution,
 ) -> tuple[list[Curve], list[PathSamples]]:
     """Return the curves with derivatives by the material that ``exact_gaps`` solved."""
@@ -211,7 +211,7 @@ def exact_gaps(
     store: SolutionStore,
     *,
     count: int,
-    geometry: Geometry,
+    geometry: Moulded,
     mesh: Resolution,
     executor: Executor | None = None,
 ) -> tuple[list[list[Gap]], float]:

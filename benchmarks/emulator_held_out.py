@@ -44,7 +44,7 @@ class HeldOut:
         names = {f.name for f in fields(MaterialGroups)} - {*MATERIAL, "paper_thickness"}
         acting = sum(at[name] != NEUTRAL.get(name, 0.0) for name in names)
         low, high = NOMINAL_PAPER
-        return acting + (not low <= at["paper_thickness"] <= high)
+        return int(acting + (not low <= at["paper_thickness"] <= high))
 
     @property
     def inputs(self) -> Inputs:

@@ -15,6 +15,7 @@ other parameters are compared, the common error being integrated out of both."""
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from emulator_exact import (
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap, Inputs
 from bayesdeg.actuator.status import CONVERGED, Resolution
 from bayesdeg.causes.catalogue import find
@@ -224,7 +225,7 @@ def shift_of(values: Floats, weights: Floats, log_ratio: Floats) -> Shift:
 
 def smooth_shift(
     draws: Draws, ground: Surrogate, paths: tuple[list[Curve], list[PathSamples]], study: Study
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Return the shift by an exact map that is one smooth correction of ``ground`` over all rates.
 
     Maps of single rates are linear in the material, and draws lie up to three of their standard
@@ -268,7 +269,7 @@ def posterior_shift(
     mesh: Resolution = CONVERGED,
     executor: Executor | None = None,
     located_by: Surrogate | None = None,
-) -> tuple[float, dict[str, object]]:
+) -> tuple[float, dict[str, Any]]:
     """Return the largest shift of a posterior mean and what was done.
 
     Of the gelatin study, unless another is given, in which ``CAUSE`` is at work and whose
@@ -285,7 +286,7 @@ def posterior_shift(
         emulator,
         store,
         count=exact_draws,
-        geometry=Geometry(study.settings.dimensions),
+        geometry=geometry_of_study(study.settings),
         mesh=mesh,
         executor=executor,
     )
@@ -301,7 +302,7 @@ def posterior_shift(
         return shift_of(draws.values(), draws.weights, after - before)
 
     paths = exact_paths(
-        levels, store, count=exact_draws, geometry=Geometry(study.settings.dimensions), mesh=mesh
+        levels, store, count=exact_draws, geometry=geometry_of_study(study.settings), mesh=mesh
     )
     smooth = smooth_shift(draws, located_by or emulator, paths, study)
     say(f"by one smooth correction: {smooth['largest']:.3f} sd of {smooth['parameter']}")

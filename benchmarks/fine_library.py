@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.actuator.mesh import FINE, Resolution
+from bayesdeg.actuator.mesh import FINE
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import Kind, Run, complete
 from bayesdeg.emulator.coordinates import ALONG, UP
@@ -82,7 +83,8 @@ class Campaign:
     def solved(self, store: Path, workers: int) -> list[PathSamples]:
         """Return what stands in the store, and solve the rest."""
         with pool(workers) as executor:
-            return complete(self.runs(), SolutionStore(store), executor=executor, timeout=SECONDS)
+            found = complete(self.runs(), SolutionStore(store), executor=executor, timeout=SECONDS)
+        return [one for one in found if isinstance(one, PathSamples)]
 
     def coarse_points(self, solved: Sequence[PathSamples]) -> Points:
         """Return what the coarse mesh says."""
@@ -139,8 +141,10 @@ def left_out(fits: Fitted, fine: Points) -> Floats:
     for curve in np.unique(fine.curve):
         seen = fine.only(fine.curve == curve)
         slack = bool(seen.loose[0])
-        less = (f.without(int(curve), loose=slack) for f in (fits.bending, fits.stretch))
-        library = Library(*less, np.empty(0), np.empty(0), np.empty(0))
+        bending, stretch = (
+            f.without(int(curve), loose=slack) for f in (fits.bending, fits.stretch)
+        )
+        library = Library(bending, stretch, np.empty(0), np.empty(0), np.empty(0))
         k = seen.places[:, 0] * UNITS[0]
         true = np.stack(
             [k, k * np.exp(seen.values[:, 1]), np.exp(seen.values[:, 2]) - SMALL_STRAIN]
@@ -166,9 +170,9 @@ def library(store: Path, workers: int) -> Library:
 
 
 def _restored(stored: Mapping[str, Any]) -> Library:
-    layers = (restored(stored, name) for name in ("bending", "stretch"))
-    ends = (stored[name] for name in ("lower", "upper", "errors"))
-    return Library(*layers, *ends)
+    bending, stretch = (restored(stored, name) for name in ("bending", "stretch"))
+    lower, upper, errors = (stored[name] for name in ("lower", "upper", "errors"))
+    return Library(bending, stretch, lower, upper, errors)
 
 
 def made(plan: Campaign, store: Path, workers: int) -> tuple[Library, Floats]:
@@ -224,11 +228,11 @@ def spread(errors: Floats) -> dict[str, float]:
     }
 
 
-def own_errors(errors: Floats) -> dict[str, object]:
+def own_errors(errors: Floats) -> dict[str, Any]:
     """Return errors of curves left out: of those that studies ask for, slack paper apart."""
     curve = errors[:, 6]
     usual = (curve < COARSE_CURVES) & (curve % 2 == 0) & (errors[:, 5] == 0.0)
-    found: dict[str, object] = {}
+    found: dict[str, Any] = {}
     for name, chosen in {
         "study_like": usual,
         "slack_paper": errors[:, 5] == 1.0,
@@ -247,7 +251,7 @@ def own_errors(errors: Floats) -> dict[str, object]:
     return found
 
 
-def emulator_errors(fine: FineLibrary, count: int, seed: int) -> dict[str, object]:
+def emulator_errors(fine: FineLibrary, count: int, seed: int) -> dict[str, Any]:
     """Return the emulator's deviation over curves as studies ask for them, 12 pressures each."""
     emulator = default_surrogate()
     gaps, refused, refused_there = [], 0, 0

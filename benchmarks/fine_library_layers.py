@@ -4,7 +4,9 @@ With a tight paper outputs are T = coarse + correction. A slack paper lacks the 
 force and adds φ D, with D a process of its own on either mesh, too: all four are smooth.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from fine_library_data import Points, missing_force
@@ -172,7 +174,7 @@ def _fitted(data: Data, curve: NDArray[np.int64], part: int, errors: Floats) -> 
     return condition(most_likely(Kernel(guess), subset, iterations=ITERATIONS), data)
 
 
-def arrays(layer: Layer, name: str) -> dict[str, Floats]:
+def arrays(layer: Layer, name: str) -> dict[str, Any]:
     """Return a layer as arrays to be stored."""
     return {
         f"{name}_{part}_{field}": value
@@ -186,7 +188,7 @@ def arrays(layer: Layer, name: str) -> dict[str, Floats]:
     }
 
 
-def restored(stored: dict[str, Floats], name: str) -> Layer:
+def restored(stored: Mapping[str, Any], name: str) -> Layer:
     """Return a layer from its arrays."""
     return Layer(
         tuple(

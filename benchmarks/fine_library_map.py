@@ -9,8 +9,7 @@ from fine_library_layers import Layer
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from bayesdeg.actuator.curve import relative_to_reference
-from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.coordinates import SLACK
 from bayesdeg.emulator.scaling import GROUPS, LOAD, groups_of

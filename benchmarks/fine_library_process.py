@@ -5,6 +5,7 @@ length: with large c_d coordinates act nearly each by itself, with small ones al
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,7 @@ class Process:
         out = k @ self.weights[0]
         for d in range(self.kernel.size):
             out -= (k * slope[d]) @ self.weights[d + 1]
-        return self.mean + out
+        return np.asarray(self.mean + out, dtype=np.float64)
 
     def along(self, rows: Floats, first: Floats) -> tuple[Floats, Floats]:
         """Return the mean where each of (m, d) rows meets each value (j,) of the first coordinate.
@@ -202,7 +203,7 @@ class Conditioned:
 
     process: Process
     data: Data
-    factor: tuple[Floats, bool]
+    factor: Any
     known: Flags
     solved: Floats
 

@@ -21,6 +21,7 @@ lacks them, which takes about as long (see converged_curvature.py; delete the fi
 """
 
 import os
+from typing import Any
 
 # before the libraries read them
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -74,9 +75,9 @@ FULL = Plan("converged", LADDER, "coarse", "coarse", "middle", ("Q2P1disc", "Q1P
 QUICK = Plan("plain", SHORT_LADDER, "coarsest", "coarsest", "coarsest", ("Q2P1disc",), 2)
 
 
-def machine() -> dict[str, object]:
+def machine() -> dict[str, Any]:
     """Return what ran where."""
-    packages = {}
+    packages: dict[str, str | None] = {}
     for name in PACKAGES:
         try:
             packages[name] = version(name)
@@ -98,7 +99,7 @@ def machine() -> dict[str, object]:
     }
 
 
-def seconds_per_curve(plan: Plan) -> tuple[float, dict[str, object]]:
+def seconds_per_curve(plan: Plan) -> tuple[float, dict[str, Any]]:
     mesh = named_mesh(plan.mesh)
     actuator = Actuator(mesh)
     actuator.solve(curve_of("degraded"))  # numbering and symbolic analysis, once a geometry
@@ -127,7 +128,7 @@ def seconds_per_curve(plan: Plan) -> tuple[float, dict[str, object]]:
     }
 
 
-def error_pct(plan: Plan) -> tuple[float | None, dict[str, object]]:
+def error_pct(plan: Plan) -> tuple[float | None, dict[str, Any]]:
     """Compare both curves with the limit of a family of meshes."""
     members = read_members()
     found, even = estimates(members), estimates(members, grading=0.0)
@@ -136,7 +137,7 @@ def error_pct(plan: Plan) -> tuple[float | None, dict[str, object]]:
             "missing": f"three meshes in {STORE.name}: run benchmarks/forward.py --reference"
         }
     actuator = Actuator(named_mesh(plan.mesh))
-    details: dict[str, object] = {"singular_order": SINGULAR_ORDER}
+    details: dict[str, Any] = {"singular_order": SINGULAR_ORDER}
     largest = []
     for name, estimate in found.items():
         values = curvature_of(actuator.solve(curve_of(name)))
@@ -158,7 +159,7 @@ def error_pct(plan: Plan) -> tuple[float | None, dict[str, object]]:
     return max(largest), details
 
 
-def scaling(plan: Plan) -> tuple[dict[str, object], dict[str, object]]:
+def scaling(plan: Plan) -> tuple[dict[str, Any], dict[str, Any]]:
     meshes = {name: named_mesh(name) for name in plan.ladder}
     curve = curve_of("fresh")
     solutions = {}
@@ -186,7 +187,7 @@ def scaling(plan: Plan) -> tuple[dict[str, object], dict[str, object]]:
     }
 
 
-def ways(plan: Plan) -> dict[str, object]:
+def ways(plan: Plan) -> dict[str, Any]:
     """Time plain Newton, predictor with every load, and the adaptive path."""
     mesh = named_mesh(plan.mesh)
     tasks = {name: (lambda way=way: way(mesh)) for name, way in WAYS.items()}
@@ -197,7 +198,7 @@ def ways(plan: Plan) -> dict[str, object]:
     }
 
 
-def solvers(plan: Plan) -> dict[str, object]:
+def solvers(plan: Plan) -> dict[str, Any]:
     """Time SuperLU against PARDISO on one curve."""
     mesh, curve, names = named_mesh(plan.solver_mesh), curve_of("fresh"), ("pypardiso", "splu")
     if Actuator(mesh).solve(curve).solver != "pypardiso":
@@ -209,12 +210,12 @@ def solvers(plan: Plan) -> dict[str, object]:
     return {"mesh": plan.solver_mesh, "seconds": seconds, "ratio": ratio}
 
 
-def measured(plan: Plan, *, peers: bool) -> dict[str, object]:
+def measured(plan: Plan, *, peers: bool) -> dict[str, Any]:
     """Measure everything."""
-    document: dict[str, object] = {}
-    details: dict[str, object] = {"machine": machine(), "plan": asdict(plan)}
+    document: dict[str, Any] = {}
+    details: dict[str, Any] = {"machine": machine(), "plan": asdict(plan)}
 
-    def note(key: str, result: tuple[object, dict[str, object]]) -> None:
+    def note(key: str, result: tuple[object, dict[str, Any]]) -> None:
         document[key], details[key] = result
         say(f"{key}: {document[key]}")
 
@@ -244,7 +245,7 @@ def measured(plan: Plan, *, peers: bool) -> dict[str, object]:
     return document | {"details": details}
 
 
-def _measure_peers(plan: Plan, document: dict[str, object], details: dict[str, object]) -> None:
+def _measure_peers(plan: Plan, document: dict[str, Any], details: dict[str, Any]) -> None:
     say("felupe")
     repeats = min(plan.repeats, 3)
     by_element = {

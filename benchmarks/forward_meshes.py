@@ -2,7 +2,8 @@
 
 from bayesdeg.actuator.body import LINEAR_CONSTANT, LINEAR_FULL, QUADRATIC, Element
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import COARSE, CONVERGED, FINE, ActuatorMesh, Resolution, build_mesh
+from bayesdeg.actuator.mesh import COARSE, CONVERGED, FINE, ActuatorMesh, build_mesh
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
 
 RESOLUTIONS = {

@@ -31,8 +31,8 @@ from bayesdeg.actuator.body import (
     Element,
 )
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh
-from bayesdeg.actuator.status import PathEffort
+from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh
+from bayesdeg.actuator.status import PathEffort, Resolution
 from bayesdeg.data.settings import Dimensions
 from tests.peers import calculix_actuator
 from tests.peers.peer_path import FRESH, LOADS, PeerPath, curvatures, own_path
@@ -70,10 +70,14 @@ def against_felupe(
     mesh = build_mesh(Geometry(Dimensions()), resolution, element=element)
 
     def ours() -> PeerPath:
-        return own_path(mesh.body, FRESH, loads=LOADS, effort=effort)
+        found: PeerPath = own_path(mesh.body, FRESH, loads=LOADS, effort=effort)
+        return found
 
     def theirs() -> PeerPath:
-        return felupe_actuator.solve(mesh.body, FRESH, loads=LOADS, tolerance=effort.tolerance)
+        found: PeerPath = felupe_actuator.solve(
+            mesh.body, FRESH, loads=LOADS, tolerance=effort.tolerance
+        )
+        return found
 
     ours()  # compiles, or loads what was compiled
     runs = [(ours(), theirs()) for _ in range(repeats)]
@@ -86,11 +90,13 @@ def against_calculix(resolution: Resolution, *, repeats: int, effort: PathEffort
     bare = replace(FRESH, paper_group=0.0, bulk_ratio=1e3)
 
     def ours() -> PeerPath:
-        return own_path(mesh.body, bare, loads=LOADS, effort=effort)
+        found: PeerPath = own_path(mesh.body, bare, loads=LOADS, effort=effort)
+        return found
 
     def theirs() -> PeerPath:
         with tempfile.TemporaryDirectory() as folder:
-            return calculix_actuator.solve(mesh.body, bare, loads=LOADS, folder=folder)
+            found: PeerPath = calculix_actuator.solve(mesh.body, bare, loads=LOADS, folder=folder)
+            return found
 
     ours()
     runs = [(ours(), theirs()) for _ in range(repeats)]

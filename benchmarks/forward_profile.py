@@ -2,10 +2,10 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from forward_case import LINEAR_SCALE, Floats, curvature_of, curve_of, largest_deviation_pct
@@ -81,7 +81,7 @@ class TimedFactorization:
         self.solver.close()
 
 
-def profile(mesh: ActuatorMesh, curve: Curve) -> dict[str, object]:
+def profile(mesh: ActuatorMesh, curve: Curve) -> dict[str, Any]:
     """Solve one curve as ``Actuator.solve`` does, with a stopwatch on every part."""
     watch = Stopwatch()
     start = time.perf_counter()
@@ -89,7 +89,7 @@ def profile(mesh: ActuatorMesh, curve: Curve) -> dict[str, object]:
         system = System(mesh.body)
     solver = TimedFactorization(open_factorization(system.upper), watch)
     problem = TimedProblem(system, curve.material, watch=watch)
-    path = follow(problem, solver, loads=curve.loads)
+    path = follow(problem, cast(Factorization, solver), loads=curve.loads)
     solver.close()
     assert path.rest is not None
     for point in (path.rest, *path.points):
@@ -162,7 +162,7 @@ def climbed(mesh: ActuatorMesh, curve: Curve, *, effort: PathEffort) -> Run:
 
 
 # ways to the same twelve curvatures, at the same tolerance of Newton's method
-WAYS = {
+WAYS: dict[str, Callable[[ActuatorMesh], Run]] = {
     "newton_from_the_load_before": lambda mesh: plain_newton(
         mesh, curve_of("fresh"), effort=PathEffort(iterations=30)
     ),

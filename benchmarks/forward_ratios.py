@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from forward_case import curve_of, interleaved, largest_deviation_pct, median_ratio, say
@@ -16,6 +17,7 @@ from forward_meshes import ELEMENTS, named_mesh
 
 from bayesdeg.actuator.body import LINEAR_FULL
 from bayesdeg.actuator.curve import Actuator
+from bayesdeg.actuator.mesh import ActuatorMesh
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import PathEffort
@@ -29,7 +31,7 @@ EXACT = PathEffort(exact=True)
 # what `Actuator.solve_with_gradients` takes by default
 TIGHT = PathEffort(tolerance=1e-6, rate_tolerance=1e-7, exact=True)
 
-Ratio = tuple[float | None, dict[str, object]]
+Ratio = tuple[float | None, dict[str, Any]]
 
 
 def felupe_ratio(mesh_name: str, element_name: str, *, repeats: int) -> Ratio:
@@ -41,10 +43,14 @@ def felupe_ratio(mesh_name: str, element_name: str, *, repeats: int) -> Ratio:
     mesh = named_mesh(mesh_name, ELEMENTS[element_name])
 
     def ours() -> PeerPath:
-        return own_path(mesh.body, FRESH, loads=LOADS, effort=EXACT)
+        found: PeerPath = own_path(mesh.body, FRESH, loads=LOADS, effort=EXACT)
+        return found
 
     def theirs() -> PeerPath:
-        return felupe_actuator.solve(mesh.body, FRESH, loads=LOADS, tolerance=EXACT.tolerance)
+        found: PeerPath = felupe_actuator.solve(
+            mesh.body, FRESH, loads=LOADS, tolerance=EXACT.tolerance
+        )
+        return found
 
     ratio, details = _against("felupe", mesh, ours, theirs, repeats=repeats)
     return ratio, {
@@ -64,11 +70,13 @@ def calculix_ratio(mesh_name: str, *, repeats: int) -> Ratio:
     bare = replace(FRESH, paper_group=0.0, bulk_ratio=1e3)
 
     def ours() -> PeerPath:
-        return own_path(mesh.body, bare, loads=LOADS, effort=EXACT)
+        found: PeerPath = own_path(mesh.body, bare, loads=LOADS, effort=EXACT)
+        return found
 
     def theirs() -> PeerPath:
         with tempfile.TemporaryDirectory() as folder:
-            return calculix_actuator.solve(mesh.body, bare, loads=LOADS, folder=folder)
+            found: PeerPath = calculix_actuator.solve(mesh.body, bare, loads=LOADS, folder=folder)
+            return found
 
     ratio, details = _against("CalculiX", mesh, ours, theirs, repeats=repeats)
     return ratio, {
@@ -83,7 +91,7 @@ def calculix_ratio(mesh_name: str, *, repeats: int) -> Ratio:
 
 def _against(
     name: str,
-    mesh,  # type: ignore[no-untyped-def]
+    mesh: ActuatorMesh,
     ours: Callable[[], PeerPath],
     theirs: Callable[[], PeerPath],
     *,

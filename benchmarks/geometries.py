@@ -37,7 +37,6 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import CurveSolution, ExactMap
 from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.console import errors
 from bayesdeg.data.study import Study, read_study
@@ -129,7 +128,7 @@ def trained(name: str, study: Study, workers: int) -> tuple[Surrogate, float]:
 
 def held_out(study: Study, asked: AskedInputs, count: int, workers: int) -> list[HeldOut]:
     """Return curves at draws, on the mesh that the study's emulator stands for."""
-    geometry = Geometry(study.settings.dimensions)
+    geometry = geometry_of_study(study.settings)
     curves = [
         replace(curve, loads=tuple(curve.loads[-1] * (np.arange(LOADS) + 1.0) / LOADS))
         for curve in curves_of(asked, span_of(asked, wider=0.0), count, seed=SEED)

@@ -23,6 +23,7 @@ from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from fine_library import shipped_library
@@ -55,7 +56,7 @@ from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]
-Json = dict[str, object]
+Json = dict[str, Any]
 Recorded = dict[tuple[int, str, int, int], Json]
 Changes = Mapping[str, Floats]
 
@@ -215,7 +216,7 @@ def visible(
 def _column(linear: Linear, hidden: HiddenEffect) -> Floats:
     """Return the whitened effect; scaled up from a part of it where the whole is out of range."""
     values = hidden.values
-    known = {p.name: values.get(p.name, p.neutral) for p in hidden.cause.parameters}
+    known = {p.name: values.get(p.name, p.neutral or 0.0) for p in hidden.cause.parameters}
     whole = [float(p.law.to_unconstrained(known[p.name])) for p in hidden.cause.parameters]
     neutral = neutral_sizes(hidden.cause)
     shares = np.array([1.0, 0.5, 0.25, 0.1])

@@ -3,8 +3,9 @@
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-Json = dict[str, object]
+Json = dict[str, Any]
 
 LEFT_OUT = ("tried", "factors", "supported", "statistic", "left")  # no figure is made of these
 

@@ -7,6 +7,7 @@ reading that are alike along a curve, and what is hidden.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,7 +31,7 @@ MOUNTS = ("horizontal", "hanging", "bending_up")
 LOW_PRESSURES = (4.0, 8.0, 12.0, 20.0, 40.0, 80.0)
 TRIES = 200
 # specimens cast and read with care, for effects that the usual scatter hides
-CAREFUL: Mapping[str, float] = {
+CAREFUL: Mapping[str, Any] = {
     "stiffness_scatter": 0.01,
     "degradation_sd": 0.1,
     "curvature_noise": 0.005,
@@ -343,8 +344,9 @@ def made(
     elongation: Three | None = None,
 ) -> tuple[VirtualExperiment, Truth]:
     """Make the experiment, as `experimented`, and write its folder."""
-    how = {"forward": forward, "seed": seed, "design": design}
-    found = experimented(study, **how, bursts=bursts, elongation=elongation)
+    found = experimented(
+        study, forward=forward, seed=seed, design=design, bursts=bursts, elongation=elongation
+    )
     title = f"hidden effect {study.number}"
     settings = Settings(title=title, seed=study.number, priors=found.priors)
     provenance = Provenance(command=command, seed=seed, mesh=vars(FINE))
@@ -407,7 +409,7 @@ def _second_gauge(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inp
     return replace(inputs, pressure=inputs.pressure * (1.0 - effect["excess"] * other))
 
 
-def outside_effect(name: str, unit: str, size: float, stage: Stage) -> dict[str, object]:
+def outside_effect(name: str, unit: str, size: float, stage: Stage) -> dict[str, Any]:
     parameter = Parameter(name, Normal(0.0, 10.0 * size), unit, "of a made-up effect", 0.0)
     return {"stage": stage, "parameters": (parameter,), "typical": {name: size}}
 

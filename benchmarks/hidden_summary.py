@@ -3,11 +3,12 @@
 from collections import Counter
 from collections.abc import Iterable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from hidden_studies import CAREFULLY
 
-Json = dict[str, object]
+Json = dict[str, Any]
 
 # size of an effect after a refit of all else [standard deviations]: what a test must plant to be
 # seen, which is more than twice what noise alone gives any one effect, and what nobody overlooks

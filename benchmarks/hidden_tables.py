@@ -1,8 +1,9 @@
 """The figures of the benchmark of hidden effects as the tables of the documentation."""
 
 from collections.abc import Iterable
+from typing import Any
 
-Json = dict[str, object]
+Json = dict[str, Any]
 
 # key, words, key of the number of studies or sizes
 SAID = (

@@ -4,6 +4,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import emcee
 import numpy as np
@@ -92,7 +93,7 @@ def steps(model: JointModel, chain: Chain, *, batch: bool, count: int, compared:
     return Steps(seconds, sampler.get_chain()[compared])
 
 
-def loop(model: JointModel, chain: Chain) -> dict[str, object]:
+def loop(model: JointModel, chain: Chain) -> dict[str, Any]:
     """Compare steps of whole ensembles with steps of one walker at a time, the same moves."""
     whole = steps(model, chain, batch=True, count=60, compared=8)
     single = steps(model, chain, batch=False, count=8, compared=8)
@@ -115,7 +116,7 @@ def default_moves(model: JointModel, chain: Chain, *, count: int = 400) -> float
     return min(_bulk(lines[..., i]) for i in range(lines.shape[-1])) / count
 
 
-def nuts(model: JointModel, chain: Chain, *, draws: int) -> dict[str, object]:
+def nuts(model: JointModel, chain: Chain, *, draws: int) -> dict[str, Any]:
     """Sample the same density by numpyro's NUTS, from the posterior, with its covariance."""
     from tests.peers import numpyro_process  # noqa: PLC0415  needs the group `dev`
 

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -66,7 +67,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    geometry = Geometry(Dimensions(**DIMENSIONS["long"]))
+    sizes: dict[str, Any] = {**DIMENSIONS["long"]}
+    geometry = Geometry(Dimensions(**sizes))
     actuator = Actuator(build_mesh(geometry, geometry.mesh_like(COARSE)))
     actuator.solve(curve_of(*CURVES[0][:3], 0.1))  # compiles
     totals = np.zeros((2, 2))

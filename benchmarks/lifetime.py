@@ -23,7 +23,7 @@ import tempfile
 import time
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -108,7 +108,9 @@ def left_of(hours: Floats, saturation: float) -> Floats:
         q = K W\!\left(e^{(1 - (K + 1) t)/K}/K\right)
     """
     inside = np.exp((1.0 - (saturation + 1.0) * hours) / saturation) / saturation
-    found: Floats = saturation * lambertw(inside).real
+    found: Floats = saturation * np.array(
+        [lambertw(complex(one)).real for one in inside.ravel()]
+    ).reshape(inside.shape)
     return found
 
 
@@ -223,7 +225,7 @@ def study_of(number: int, folder: Path, generator: np.random.Generator) -> tuple
     return truth, soil
 
 
-def buried(number: int) -> list[dict[str, object]]:
+def buried(number: int) -> list[dict[str, Any]]:
     """Make a study, calibrate it from its folder, and hold its lives against its burials."""
     generator, begun = np.random.default_rng((SEED, number)), time.perf_counter()
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
@@ -240,6 +242,7 @@ def buried(number: int) -> list[dict[str, object]]:
             executor=None,
         )
         course = course_of(study, effort, streams.films)
+        assert course is not None
         found = []
         for place in range(EACH):
             duty = duty_of(truth, soil, generator)
@@ -276,7 +279,7 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def kept(number: int) -> list[dict[str, object]]:
+def kept(number: int) -> list[dict[str, Any]]:
     """Return the burials of a study, from the store where they are there."""
     file = STORE / f"{number}.json"
     if not file.exists():
@@ -285,11 +288,11 @@ def kept(number: int) -> list[dict[str, object]]:
         part = file.with_suffix(".part")
         part.write_text(json.dumps(found), encoding="utf-8")
         part.replace(file)
-    known: list[dict[str, object]] = json.loads(file.read_text(encoding="utf-8"))
+    known: list[dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))
     return known
 
 
-def summary(burials: list[dict[str, object]]) -> dict[str, object]:
+def summary(burials: list[dict[str, Any]]) -> dict[str, Any]:
     inside = np.array([bool(one["inside"]) for one in burials])
     failed = [_earlier(one) for one in burials]
     share = np.array([float(one["share"]) for one in burials])
@@ -314,12 +317,12 @@ def summary(burials: list[dict[str, object]]) -> dict[str, object]:
     }
 
 
-def _earlier(one: dict[str, object]) -> float:
+def _earlier(one: dict[str, Any]) -> float:
     times = [float("inf") if one[n] is None else float(one[n]) for n in ("lost", "burst")]
     return min(times)
 
 
-def _bursts(one: dict[str, object]) -> bool:
+def _bursts(one: dict[str, Any]) -> bool:
     lost = float("inf") if one["lost"] is None else float(one["lost"])
     return one["burst"] is not None and float(one["burst"]) < lost
 
@@ -333,7 +336,7 @@ def main() -> None:
     parser.add_argument("--burials", type=int, default=120)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    burials: list[dict[str, object]] = []
+    burials: list[dict[str, Any]] = []
     number = 0
     while len(burials) < options.burials:
         burials += kept(number)

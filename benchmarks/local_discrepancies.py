@@ -22,6 +22,7 @@ import argparse
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ from bayesdeg.priors import HalfNormal, Normal, Parameter, Uniform
 
 Floats = NDArray[np.float64]
 Term = tuple[str, int]  # name, regime
-Json = dict[str, object]
+Json = dict[str, Any]
 
 REGIMES, DAYS, HOURS = 6, 4, 10
 LOSS, ERROR = 2.0, 0.5  # U [W/(m² K)], sd of a reading [W/m²]

@@ -23,6 +23,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fine_library import shipped_library
@@ -47,7 +48,7 @@ from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.priors import Normal
 
 Floats = NDArray[np.float64]
-Json = dict[str, object]
+Json = dict[str, Any]
 
 STORE = Path(".cache/lying_parameters")
 SEED = 53

@@ -17,7 +17,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,9 +28,9 @@ from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.actuator.mesh import ActuatorMesh, Resolution, build_mesh
+from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh
 from bayesdeg.actuator.outputs import read_state
-from bayesdeg.actuator.status import FINE
+from bayesdeg.actuator.status import FINE, Resolution
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.laboratory.experiment import Design, tear_films, weigh_shrinkage
 from bayesdeg.laboratory.truth import Truth
@@ -136,7 +136,7 @@ def write_studies(out: Path, found: pd.DataFrame, seed: int) -> None:
             rows.to_csv(folder / file, index=False)
 
 
-def verdict(study: Path, effort: str = "standard") -> dict[str, object]:
+def verdict(study: Path, effort: str = "standard") -> dict[str, Any]:
     """Run a study; return what is named, and the offset with its 90 % interval [kPa]."""
     report = study.parent / "reports" / study.name
     command = [sys.executable, "-m", "bayesdeg", "run", study, "--out", report, "--quiet"]

@@ -14,15 +14,17 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.criticism.holdout.material_laws import NOISE, compare_laws
+from bayesdeg.criticism.holdout.material_laws import NOISE, LawComparison, compare_laws
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.tensile import tensile_curves
+from bayesdeg.observations.tensile import TensileCurves, tensile_curves
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.priors import Law
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"
 NAMES = ("treloar", "gelatin_actuator", "marchese_ribbed")
@@ -31,18 +33,20 @@ ERRORS = ("rmse_MPa", "held_out_rmse_MPa")
 MANY = 400
 
 
-def films_and_priors(name):
+def films_and_priors(name: str) -> tuple[TensileCurves, dict[str, Law]]:
     study = read_study(STUDIES / name)
     priors = {p.name: p.law for p in outline(study).base if p.name in NOISE}
-    return tensile_curves(study, fitted=True), priors
+    curves = tensile_curves(study, fitted=True)
+    assert curves is not None
+    return curves, priors
 
 
-def resampled(curves):
+def resampled(curves: TensileCurves) -> TensileCurves:
     """Return the same curves with many readings each."""
     ends = [
         stretch[mask][[0, -1]] for stretch, mask in zip(curves.stretch, curves.mask, strict=True)
     ]
-    stretch = np.stack([np.linspace(*end, MANY) for end in ends])
+    stretch = np.stack([np.linspace(first, last, MANY) for first, last in ends])
     stress = np.stack([
         np.interp(s, x[m], y[m])
         for s, x, y, m in zip(stretch, curves.stretch, curves.stress, curves.mask, strict=True)
@@ -57,17 +61,17 @@ def resampled(curves):
     )
 
 
-def timed(curves, priors):
+def timed(curves: TensileCurves, priors: dict[str, Law]) -> tuple[LawComparison, float]:
     start = time.perf_counter()
     found = compare_laws(curves, priors)
     return found, time.perf_counter() - start
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
-    document = {"studies": {}}
+    document: dict[str, Any] = {"studies": {}}
     with threadpool_limits(1):
         timed(*films_and_priors("marchese_ribbed"))  # compiles
         for name in NAMES:

@@ -27,6 +27,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -51,7 +52,7 @@ from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.suspects import assemble_screened
 
-Json = dict[str, object]
+Json = dict[str, Any]
 Floats = NDArray[np.float64]
 
 STORE = Path(".cache/mishaps")
@@ -146,7 +147,7 @@ def _change(
     spoilt, _ = happen(name, table, generator)
     found = np.zeros(len(expected))
     for i, k, one in at:
-        found[i] = spoilt.loc[k, one] - table.loc[k, one]
+        found[i] = spoilt[one].to_numpy(float)[k] - table[one].to_numpy(float)[k]
     return found
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from fine_library import shipped_library
@@ -51,7 +52,7 @@ from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.progress import Silent
 
 Floats = NDArray[np.float64]
-Json = dict[str, object]
+Json = dict[str, Any]
 
 LINES = Path(__file__).with_name("operator_lines.npz")
 SEED, SOLVED, LARGEST = 13, 10, 200.0  # of the lines; actuators; kPa
@@ -72,7 +73,7 @@ def fitted_circle(line: Floats) -> float:
 
     def off(centre: Floats) -> Floats:
         distance = np.hypot(*(line - middle - centre).T)
-        return distance - distance.mean()
+        return np.asarray(distance - distance.mean(), dtype=np.float64)
 
     found = least_squares(off, start * normal, x_scale=start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     return float(1.0 / np.hypot(*(line - middle - found.x).T).mean())
@@ -139,7 +140,8 @@ def solved_lines(seed: int, count: int) -> FineLines:
             rows.append((angle, reading.arc_length, group))
             lines.append((mesh.body.nodes + point.state.displacement)[mesh.bottom_line][:, ::2])
         print(f"{level:.0f} %: {path.status.name}, {np.degrees(angle):.0f}°", file=sys.stderr)
-    return FineLines(*np.array(rows).T, np.array(lines).round(5))
+    angles, lengths, groups = np.array(rows).T
+    return FineLines(angles, lengths, groups, np.array(lines).round(5))
 
 
 @cache
@@ -180,8 +182,8 @@ class ReadOtherwise:
         known = np.isfinite(at).all(axis=1)
         gain = np.ones(len(at))
         gain[known] = np.exp(self.ratio(at[known]))
-        gain = gain.reshape(angle.shape)
-        return replace(found, curvature=gain * found.curvature, slope=gain * found.slope)
+        whole = gain.reshape(angle.shape)
+        return replace(found, curvature=whole * found.curvature, slope=whole * found.slope)
 
 
 def sampled(line: Floats, count: int) -> Floats:

@@ -22,6 +22,7 @@ import json
 from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,7 +47,7 @@ from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Truth, drawn_truth
 from bayesdeg.training import Manner, emulator_for
 
-Json = dict[str, object]
+Json = dict[str, Any]
 
 STORE = Path(".cache/other_actuators")
 SEED = 6
@@ -102,8 +103,9 @@ def tests_of(geometry: Geometry, truth: Truth, generator: np.random.Generator) -
     """Return tests of three actuators at each of four rates, as far as fresh ones bear it."""
     c1, c2, c3 = truth.constants([0.0])[0]
     pressures = np.linspace(20.0, TOP / SHARE, 16)
+    scale, paper = np.asarray(truth.volume_ratio ** (1 / 3)), np.asarray(truth.paper_stiffness)
     fresh = ExactMap(geometry, geometry.mesh_like(COARSE))(
-        Inputs(pressures[None], c1, c2, c3, truth.volume_ratio ** (1 / 3), truth.paper_stiffness)
+        Inputs(pressures[None], c1, c2, c3, scale, paper)
     )
     borne = pressures[fresh.status.ravel() == Status.CONVERGED]
     steps = np.round(SHARE * borne.max() * (np.arange(STEPS) + 1.0) / STEPS)
@@ -145,7 +147,8 @@ def judged(number: int, *, seed: int, workers: int) -> Json:
         kept.write_text(json.dumps(asdict(truth)), encoding="utf-8")
     errors.print(f"study {number} is made")
     values = json.loads(kept.read_text(encoding="utf-8"))
-    truth = Truth(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    known: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+    truth = Truth(**known)
     read = read_study(folder)
     with workplace(workers, None) as executor:
         surrogate = emulator_for(read, None, manner=Manner(yes=True), executor=executor)

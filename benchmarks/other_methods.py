@@ -27,6 +27,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -284,7 +285,10 @@ class Discrepancy:
     def without(self, logs: Floats) -> Floats:
         """Return the covariance without a process; the last logs are those of s and t."""
         error, scatter = np.exp(2.0 * logs[-2:])
-        return error * self.errors + scatter * self.specimens + self.shared @ self.shared.T
+        return np.asarray(
+            error * self.errors + scatter * self.specimens + self.shared @ self.shared.T,
+            dtype=np.float64,
+        )
 
     def process(self, logs: Floats) -> Floats:
         """Return K: squared exponentials with ln lengths, ln amplitudes by kind; then ln of ρ's."""
@@ -296,7 +300,10 @@ class Discrepancy:
         height = amplitude[self.block] * self.size
         alike = self.block[:, None] == self.block
         factor = np.exp(logs[dimensions + self.kinds]) * self.predicted
-        return np.exp(-0.5 * apart) * height[:, None] * height * alike + np.outer(factor, factor)
+        return np.asarray(
+            np.exp(-0.5 * apart) * height[:, None] * height * alike + np.outer(factor, factor),
+            dtype=np.float64,
+        )
 
     def log_likelihood(self, covariance: Floats) -> float:
         """Return ln N(r; 0, C); −inf where C is not positive definite."""
@@ -369,8 +376,8 @@ def _fitted(part: Discrepancy) -> tuple[Floats, Floats]:
     def least(start: Floats) -> Floats:
         reach = 4.0 * width[-len(start) :]
         bounds = np.stack([centre[-len(start) :] - reach, centre[-len(start) :] + reach], axis=1)
-        how = {"method": "L-BFGS-B", "bounds": bounds, "options": {"maxiter": 40}}
-        return np.asarray(minimize(against, start, **how).x)
+        how: dict[str, Any] = {"bounds": bounds, "options": {"maxiter": 40}}
+        return np.asarray(minimize(against, start, method="L-BFGS-B", **how).x)
 
     alone = least(np.zeros(2))
     starts = (np.concatenate([np.repeat(np.log(start), numbers[:3]), alone]) for start in STARTS)

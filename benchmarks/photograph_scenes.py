@@ -141,11 +141,11 @@ def clouds(rng: np.random.Generator, size: tuple[int, int], cells: int) -> Image
     return np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
 
 
-def rectangle(x: float, y: float, width: float, height: float, turn: float = 0.0) -> Floats:
+def rectangle(middle: Floats, width: float, height: float, turn: float = 0.0) -> Floats:
     """Return the corners of a rectangle about its centre."""
     c, s = np.cos(turn), np.sin(turn)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, height / 2]
-    return np.asarray(corners @ np.array([[c, s], [-s, c]]) + [x, y])
+    return np.asarray(corners @ np.array([[c, s], [-s, c]]) + middle)
 
 
 def disc(centre: Floats, radius: float) -> Floats:
@@ -165,7 +165,8 @@ def background(rng: np.random.Generator, canvas: Canvas, kind: str) -> None:
         canvas.image += 1.5 * clouds(rng, size, 60)[..., None]
     if kind == "mat":
         for at in np.arange(-80.0, 81.0, 10.0):
-            lines_of = [rectangle(at, 0.0, 0.25, 160.0), rectangle(0.0, at, 160.0, 0.25)]
+            across, along = np.array([at, 0.0]), np.array([0.0, at])
+            lines_of = [rectangle(across, 0.25, 160.0), rectangle(along, 160.0, 0.25)]
             canvas.paint(lines_of, np.array([150.0, 190.0, 160.0]), opacity=0.6)
 
 
@@ -185,7 +186,7 @@ def checkerboard(canvas: Canvas, corner: Floats, columns: int, rows: int) -> Non
     middle = corner + size / 2
     canvas.paint([rectangle(*middle, *(size + 2 * SQUARE))], np.full(3, 235.0))
     dark = [
-        rectangle(*(corner + SQUARE * (np.array([i, j]) + 0.5)), SQUARE, SQUARE)
+        rectangle(corner + SQUARE * (np.array([i, j]) + 0.5), SQUARE, SQUARE)
         for i in range(columns)
         for j in range(rows)
         if (i + j) % 2 == 0
@@ -196,7 +197,7 @@ def checkerboard(canvas: Canvas, corner: Floats, columns: int, rows: int) -> Non
 def ruler(canvas: Canvas, start: Floats, length: int) -> None:
     """Lay a ruler with a tick every millimetre, longer at 5 and at 10."""
     middle = start + np.array([length / 2, -4.0])
-    canvas.paint([rectangle(*middle, length + 6.0, 12.0)], np.array([205.0, 225.0, 228.0]))
+    canvas.paint([rectangle(middle, length + 6.0, 12.0)], np.array([205.0, 225.0, 228.0]))
     ticks = []
     for i in range(length + 1):
         long = 6.0 if i % 10 == 0 else 4.5 if i % 5 == 0 else 3.0
@@ -219,7 +220,7 @@ def clutter(rng: np.random.Generator, canvas: Canvas, keep: Floats) -> None:
                 if rng.random() < 0.5:
                     canvas.paint([disc(at, 0.8 * reach)], colour, soft=0.7)
                 else:
-                    long = rectangle(*at, 1.6 * reach, 0.5 * reach, rng.uniform(0, np.pi))
+                    long = rectangle(at, 1.6 * reach, 0.5 * reach, rng.uniform(0, np.pi))
                     canvas.paint([long], colour, soft=0.7)
                 break
 
@@ -319,14 +320,13 @@ def scene(
     rng = np.random.default_rng([23, seed])
     drawn = drawn_shape(rng)
     shape = shape or drawn
-    chosen = {
-        "target": str(rng.choice(TARGETS, p=[0.5, 0.2, 0.3])),
-        "method": str(rng.choice(LINES, p=[0.6, 0.2, 0.2])),
-        "kind": str(rng.choice(BACKGROUNDS)),
-        "megapixels": int(rng.choice([3, 5, 12], p=[0.6, 0.25, 0.15])),
-    }
-    target, method = target or chosen["target"], method or chosen["method"]
-    kind, megapixels = kind or chosen["kind"], megapixels or chosen["megapixels"]
+    # each is drawn, so that what is given changes no later draw
+    drawn_target = str(rng.choice(TARGETS, p=[0.5, 0.2, 0.3]))
+    drawn_method = str(rng.choice(LINES, p=[0.6, 0.2, 0.2]))
+    drawn_kind = str(rng.choice(BACKGROUNDS))
+    drawn_megapixels = int(rng.choice([3, 5, 12], p=[0.6, 0.25, 0.15]))
+    target, method = target or drawn_target, method or drawn_method
+    kind, megapixels = kind or drawn_kind, megapixels or drawn_megapixels
     width = LONG_SIDE[megapixels]
     size = (width, 3 * width // 4)
     homography = camera(rng, size, TILT[target])

@@ -10,6 +10,7 @@ import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -66,13 +67,13 @@ class Shape:
 def _quadratic(nodes: Floats, at: Floats) -> Floats:
     """Points on a curve through three nodes, (…, 3, 2)."""
     shapes = np.stack([(1 - at) * (1 - 2 * at), 4 * at * (1 - at), at * (2 * at - 1)])
-    return np.einsum("ap,...ai->...pi", shapes, nodes)
+    return np.asarray(np.einsum("ap,...ai->...pi", shapes, nodes), dtype=np.float64)
 
 
 def side_view(mesh: ActuatorMesh, placed: Floats) -> Shape:
     """Return what is seen from the side: element faces on the outer side, their lower edge."""
     nodes = np.round(mesh.body.nodes, 9)  # equal coordinates compare as equal
-    outer = np.isclose(nodes[:, 1], mesh.geometry.half_width)
+    outer = np.isclose(nodes[:, 1], mesh.body.nodes[:, 1].max())
     faces, edges = [], []
     for element in mesh.body.elements:
         on_side = element[outer[element]]
@@ -132,7 +133,7 @@ def shapes() -> tuple[tuple[Shape, ...], ...]:
 
 def main() -> None:
     """Solve all curves and keep their shapes."""
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for i, constants in enumerate(MATERIALS):
         found = solved(constants)
         arrays[f"faces_{i}"] = np.array([shape.faces for shape in found], dtype=np.float32)

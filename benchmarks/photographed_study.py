@@ -15,6 +15,7 @@ import json
 import tempfile
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,7 +54,7 @@ def kept_shapes(path: Path | None, seed: int) -> tuple[pd.DataFrame, list[Shape]
             return table, [Shape(faces, line) for faces, line in pairs]
     table, found = shapes(seed)
     if path is not None:
-        columns = {name: np.array(table[name].tolist()) for name in table}
+        columns: dict[str, Any] = {str(n): np.array(table[n].tolist()) for n in table}
         faces, lines = np.array([s.faces for s in found]), np.array([s.line for s in found])
         np.savez_compressed(path, faces=faces, lines=lines, **columns)
     return table, found

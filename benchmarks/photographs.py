@@ -13,6 +13,7 @@ import json
 import os
 import sys
 import time
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -49,10 +50,12 @@ def hint_of(one: Scene, seed: int) -> np.ndarray | None:
         return None
     at = np.linspace(0, len(one.line_px) - 1, 6).astype(int)
     error = HINT_ERROR * one.image.shape[1] / 115.0
-    return one.line_px[at] + np.random.default_rng([24, seed]).normal(0.0, error, (6, 2))
+    return np.asarray(
+        one.line_px[at] + np.random.default_rng([24, seed]).normal(0.0, error, (6, 2))
+    )
 
 
-def attempt(seed: int, megapixels: int | None) -> dict[str, object]:
+def attempt(seed: int, megapixels: int | None) -> dict[str, Any]:
     """Trace one photograph."""
     one = scene(seed, megapixels=megapixels)
     content = cv2.imencode(".jpg", one.image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
@@ -67,7 +70,7 @@ def attempt(seed: int, megapixels: int | None) -> dict[str, object]:
         problem = str(fault)
     seconds = time.process_time() - start
     angle, length = angle_and_length(one.line)
-    record: dict[str, object] = {
+    record: dict[str, Any] = {
         "seed": seed,
         "target": one.target,
         "method": one.method,
@@ -89,7 +92,7 @@ def attempt(seed: int, megapixels: int | None) -> dict[str, object]:
     return record
 
 
-def summary(records: list[dict[str, object]]) -> dict[str, float]:
+def summary(records: list[dict[str, Any]]) -> dict[str, float]:
     """Return the figures of the report."""
     read = [one for one in records if "angle" in one]
 

@@ -11,6 +11,7 @@ approximation, and what is asked is whether the entry is named.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, gravity_direction
-from bayesdeg.actuator.mesh import COARSE, FINE, Resolution
+from bayesdeg.actuator.mesh import COARSE, FINE
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import read_study
@@ -144,7 +146,7 @@ class Physical:
     moulded: Callable[[float], Dimensions] | None = None
     recorded: Callable[[Tables, np.random.Generator], Tables] | None = None
     noted: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
-    noted_of_films: Mapping[str, object] = field(default_factory=dict)
+    noted_of_films: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_solved(self) -> bool:
@@ -161,8 +163,8 @@ def design_with(effects: Sequence[Physical], whole: Design, name: str) -> Design
     """Return the tests, with what is noted beside them; fewer actuators where each is solved."""
     table = whole.actuator
     copy = table["specimen_id"].str[-1].astype(int)
-    noted: dict[str, object] = {}
-    of_films: dict[str, object] = {}
+    noted: dict[str, Any] = {}
+    of_films: dict[str, Any] = {}
     for one in effects:
         noted |= {key: copy.map(lambda k, of=v: of[k - 1]) for key, v in one.noted.items()}
         of_films |= one.noted_of_films
@@ -235,7 +237,7 @@ def _reshaped(
 
 
 def _specimens(inputs: Inputs, places: NDArray[np.intp], shape: tuple[int, ...]) -> Inputs:
-    arrays = {
+    arrays: dict[str, Any] = {
         one.name: np.broadcast_to(value, shape)[:, places]
         for one in fields(inputs)
         if isinstance(value := getattr(inputs, one.name), np.ndarray)
@@ -720,7 +722,7 @@ def made_by_physics(
             continue
         twin = folder.with_name(f"{folder.name}-without-{one.cause}")
         others = tuple(other for other in study.physics if other is not one)
-        how = {"forward": forward, "seed": seed, "command": command}
+        how: dict[str, Any] = {"forward": forward, "seed": seed, "command": command}
         same = written(study, others, twin, **how, tests_of=study.physics)
         without = _observed(twin)
         if same == truth and without.shape == observed.shape:

@@ -14,6 +14,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -115,7 +116,7 @@ class Planted:
     met: Met | None = None
     recorded: Callable[[Floats], Floats] | None = None
     noted: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
-    noted_of_films: Mapping[str, object] = field(default_factory=dict)
+    noted_of_films: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def by_physics(self) -> bool:

@@ -16,9 +16,10 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
-from fine_library import STORE, FineLibrary, library
+from fine_library import shipped_library
 
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.data.settings import Settings
@@ -38,11 +39,21 @@ def design() -> Design:
     return replace(full, actuator=full.actuator[full.actuator["pressure_kPa"] <= 200.0])
 
 
-def one(job: tuple[int, Path]) -> dict[str, object]:
-    seed, store = job
+class Recovered(TypedDict):
+    """What a study came to."""
+
+    seed: int
+    inside: dict[str, bool]
+    outcome: str
+    causes: list[str]
+    p_value: float | None
+    seconds: float
+
+
+def one(seed: int) -> Recovered:
     start = time.perf_counter()
     generator = np.random.default_rng(seed)
-    forward = FineLibrary(library(store, 1))
+    forward = shipped_library()
     while True:  # a draw whose actuator balloons before 240 kPa makes another study than was asked
         truth = drawn_truth(generator)
         experiment = run_experiment(design(), truth, forward=forward, generator=generator)
@@ -57,7 +68,7 @@ def one(job: tuple[int, Path]) -> dict[str, object]:
                 (Path(folder) / name).write_text(text, encoding="utf-8")
         study = read_study(Path(folder))
         target = Path(folder) / "run"
-        document = run_study(
+        verdict = run_study(
             study,
             RunFolder(target),
             Checkpoints(target / "checkpoints", fingerprint(study)),
@@ -76,9 +87,9 @@ def one(job: tuple[int, Path]) -> dict[str, object]:
     return {
         "seed": seed,
         "inside": inside,
-        "outcome": document["outcome"],
-        "causes": document["causes"],
-        "p_value": document["misfit"]["p_value"],
+        "outcome": verdict.outcome,
+        "causes": list(verdict.causes),
+        "p_value": verdict.misfit.p_value,
         "seconds": time.perf_counter() - start,
     }
 
@@ -87,16 +98,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--studies", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument("--store", type=Path, default=STORE)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    library(options.store, options.workers)  # solved once, before the workers ask for it
-    jobs = [(options.seed + i, options.store) for i in range(options.studies)]
+    seeds = range(options.seed, options.seed + options.studies)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.workers, mp_context=context) as executor:
         results = []
-        for result in executor.map(one, jobs):
+        for result in executor.map(one, seeds):
             results.append(result)
             print(len(results), result, file=sys.stderr, flush=True)
     names = results[0]["inside"]

@@ -31,7 +31,7 @@ def curvatures(cover: float, stiffness: float) -> np.ndarray:
     segment = geometry_of(RibbedDimensions(cover=cover), Constraint("film"))
     c1, c2, c3 = (stiffness * value * one for value in CONSTANTS)
     inputs = Inputs(PRESSURES[None], c1, c2, c3, one, FILM * one)
-    return ExactMap(segment, MESH)(inputs).curvature[0]
+    return np.asarray(ExactMap(segment, MESH)(inputs).curvature[0], dtype=np.float64)
 
 
 def main() -> None:

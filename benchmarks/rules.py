@@ -36,7 +36,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -113,7 +113,7 @@ class Part(NamedTuple):
 
     def curvature(self, readings: np.ndarray) -> np.ndarray:
         """Return 1/m from what the model reads."""
-        return readings[:, 0] / readings[:, 1] * 1e3 / self.scale
+        return np.asarray(readings[:, 0] / readings[:, 1] * 1e3 / self.scale, dtype=np.float64)
 
     def load(self, pressure: np.ndarray) -> np.ndarray:
         """Return p/C1."""
@@ -180,7 +180,7 @@ def of_drying(parts: list[Part]) -> Curves:
     return found
 
 
-def dried(one: Part) -> dict[str, object]:
+def dried(one: Part) -> dict[str, Any]:
     """Return what drying does to an actuator, without shrinkage and with some."""
     diffusion = Diffusion.on(one.actuator.mesh.body)
     load, held = one.load(DRYING), np.full(len(DRYING), LONG)
@@ -266,7 +266,7 @@ def by_paper(name: str, parts: list[Part]) -> Callable[[np.ndarray, Part, float]
     return ruled
 
 
-def detachments(parts: list[Part]) -> dict[str, object]:
+def detachments(parts: list[Part]) -> dict[str, Any]:
     """Return how far the rule of paper that comes off is right, and how like soft paper it is."""
     degraded = parts[1:]  # nothing has come off fresh ones
     curves = {where: of_delamination(degraded, off) for where, off in OFF.items()}
@@ -278,7 +278,7 @@ def detachments(parts: list[Part]) -> dict[str, object]:
     return {**found, f"paper_softening to {first}": alike}
 
 
-def clamped(one: Part) -> dict[str, object]:
+def clamped(one: Part) -> dict[str, Any]:
     """Return what a clamp that gives does to the readings of an actuator."""
     weight = 1e-6 * WEIGHT * one.scale / one.c1
     clamps = {
@@ -296,10 +296,10 @@ def clamped(one: Part) -> dict[str, object]:
         along, up = (weight * share for share in gravity_direction(mount))
         heavy = replace(one.actuator.material, gravity_along=along, gravity_up=up)
         held, *_ = _readings(one, heavy, None)
-        found[mount] = {}
+        by_clamp: dict[str, Any] = {}
         for name, clamp in clamps.items():
             faces, space, turned = _readings(one, heavy, clamp)
-            found[mount][name] = {
+            by_clamp[name] = {
                 "faces_pct": (100.0 * (faces / held - 1.0)).round(2).tolist(),
                 "space_pct": (100.0 * (space / held - 1.0)).round(2).tolist(),
                 "turned_deg": round(turned, 2),
@@ -345,7 +345,9 @@ def by_pressure(name: str) -> Callable[[np.ndarray, Part, float], np.ndarray]:
         time = held * np.arange(1, len(PATH) + 1)
         back = np.arange(len(PATH)) >= len(UP)
         degradation = np.array([[one.level]])
-        conditions = Conditions(PATH[None], degradation, time=time[None], unloading=back[None])
+        conditions = Conditions(
+            PATH[None], degradation, time=np.asarray(time[None], np.float64), unloading=back[None]
+        )
         values = zip(cause.parameters, sizes, strict=True)
         effect = cause.effect({cause.qualified(p.name): np.array([v]) for p, v in values})
         unit = np.ones((1, 1, 1))
@@ -377,7 +379,7 @@ def compared(
     curves: Curves,
     rule: Callable[[np.ndarray, Part, float], np.ndarray],
     start: Mapping[str, float],
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Fit a rule to the curves of a physics; return its size and what it leaves."""
 
     def left(logs: np.ndarray) -> np.ndarray:
@@ -403,7 +405,7 @@ def _over(change: np.ndarray, reading: np.ndarray) -> np.ndarray:
     return change / np.maximum(np.abs(reading), FLOOR)
 
 
-def in_an_arm(path: Path = ARM) -> dict[str, object]:
+def in_an_arm(path: Path = ARM) -> dict[str, Any]:
     r"""Fit the rule of creep to the growth of displacements under held pressure.
 
     At a pressure that is set at once and held, :math:`u(t) = U(p (1 + a (1 - e^{-t/\tau})))`, with
@@ -418,12 +420,12 @@ def in_an_arm(path: Path = ARM) -> dict[str, object]:
     return {str(name): _crept(rows) for name, rows in table.groupby(part)}
 
 
-def _crept(table: pd.DataFrame) -> dict[str, object]:
+def _crept(table: pd.DataFrame) -> dict[str, Any]:
     first = table["disp_1s_after_onset_mm"]
     logs = table.assign(x=np.log(table["p_mbar"]), y=np.log(first))
     slopes = {m: np.polyfit(g["x"], g["y"], 1)[0] for m, g in logs.groupby("marker")}
     slope = table["marker"].map(slopes).to_numpy()
-    seen = [np.log(table[name] / first).to_numpy() for name in ("disp_2s_mm", END)]
+    seen = [np.log((table[name] / first).to_numpy()) for name in ("disp_2s_mm", END)]
     held = (2.0, table["hold_s"].to_numpy())
 
     def left(sizes: np.ndarray) -> np.ndarray:
@@ -463,7 +465,7 @@ def main() -> None:
         "humidity_drift": {"stiffening": 0.05, "time_constant": 900.0},
     }
     physics = {"creep": of_creep, "mullins": of_mullins, "humidity_drift": of_drying}
-    found: dict[str, object] = {}
+    found: dict[str, Any] = {}
     wanted = options.only or [*sizes, SKIN, PAPER, "clamp", "drying", "creep_in_an_arm"]
     for name, start in sizes.items():
         if name not in wanted:

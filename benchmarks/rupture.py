@@ -248,7 +248,8 @@ def figure(path: Path, studies: list[Json]) -> None:
         by_study = np.bincount(number[here], gap, minlength=len(studies))
         error = np.sqrt(np.sum((by_study - here.sum() * gap.mean() / len(studies)) ** 2))
         points.append((expected[here].mean(), happened[here].mean(), error / here.sum()))
-    draw(path, *np.array(points).T, place)
+    centre, observed, errors = np.array(points).T
+    draw(path, centre, observed, errors, place)
 
 
 def _by_study(studies: list[Json], known: NDArray[np.bool_]) -> list[NDArray[np.int64]]:

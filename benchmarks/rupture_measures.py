@@ -23,6 +23,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -39,8 +40,9 @@ from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.actuator.mesh import CONVERGED, FINE, Resolution, build_mesh
+from bayesdeg.actuator.mesh import CONVERGED, FINE, build_mesh
 from bayesdeg.actuator.outputs import PEAK_SHARE, volume_quantile, weibull_strain
+from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions, RuptureCriterion
 from bayesdeg.emulator import surrogate
 from bayesdeg.emulator.design import study_like
@@ -130,7 +132,7 @@ def emulated(curves: Sequence[Curve]) -> tuple[list[Measures], list[Measures]]:
 
 def compared(
     name: str, exact: list[Measures], found: list[Measures], errors: list[Measures]
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Return errors of one measure over all curves."""
     off, late, scores = [], [], []
     for true, mine, sd in zip(exact, found, errors, strict=True):

@@ -21,7 +21,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -48,7 +48,7 @@ from bayesdeg.priors import LogNormal
 
 Floats = NDArray[np.float64]
 
-CRITERION = "weakest_link"
+CRITERION: Final = "weakest_link"
 FILM_VOLUME = Settings().film_volume_mm3
 SPREAD = 0.4  # standard deviation of ln length of flaws
 MARGIN, MARGIN_FLAWED = (-0.35, 0.25), (0.25, 0.7)
@@ -322,7 +322,7 @@ def _together(parts: Sequence[Bent]) -> Bent:
     """Join levels; tests with fewer steps repeat their last."""
     size = max(one.curvature.shape[1] for one in parts)
 
-    def joined(name: str) -> NDArray[np.generic]:
+    def joined(name: str) -> NDArray[Any]:
         arrays = [getattr(one, name) for one in parts]
         return np.concatenate(
             [np.pad(a, ((0, 0), (0, size - a.shape[1])), mode="edge") for a in arrays]

@@ -162,18 +162,24 @@ def markdown(scores: dict[str, Score]) -> str:
     """Return the table of shares with their intervals, and the isolability matrix of each."""
     heads = ("what", "of", *(WORDS[method] for method in scores))
     first = next(iter(scores.values()))
-    rows = [("**credit**, all studies", first.studies, *(_cell(s.credit) for s in scores.values()))]
+    rows: list[tuple[object, ...]] = [
+        ("**credit**, all studies", first.studies, *(_cell(s.credit) for s in scores.values()))
+    ]
     for name in SHOWN:
-        parts = [found.share(name) for found in scores.values()]
-        rows.append((parts[0].meaning, parts[0].studies, *map(_cell, parts)))
+        shares = [found.share(name) for found in scores.values()]
+        rows.append((shares[0].meaning, shares[0].studies, *map(_cell, shares)))
     rows.append(("causes said for each hidden one, where right", "", *map(_said, scores.values())))
     rows.append(("sizes inside their 90 % intervals", "", *map(_inside, scores.values())))
     rows.append(("Brier score (base rates)", "", *map(_brier, scores.values())))
     parts = [_table(heads, rows)]
     for method, found in scores.items():
-        lines = [
-            (f"`{hidden}`" if " " not in hidden else hidden, int(sum(row.values())), _counts(row))
+        counts = {
+            hidden: {said: number or 0.0 for said, number in row.items()}
             for hidden, row in found.matrix.items()
+        }
+        lines: list[tuple[object, ...]] = [
+            (f"`{hidden}`" if " " not in hidden else hidden, int(sum(row.values())), _counts(row))
+            for hidden, row in counts.items()
         ]
         parts.append(f"### {WORDS[method]}\n\n" + _table(("hidden", "studies", "said"), lines))
     return "\n\n".join(parts)
@@ -228,7 +234,7 @@ def main() -> None:
         parser.error("give --studies and --truths together")
     if options.studies is None and options.record is None:
         parser.error("give --studies and --truths, or --record")
-    seconds = {}
+    seconds: dict[str, float] = {}
     if options.studies is None:
         truths, answers = recorded(options.record)
     else:

@@ -27,10 +27,8 @@ from bayesdeg.emulator.trained import default_surrogate
 def question(observed: list[Observed], family: Family, prior: Prior) -> Question:
     orders, span = family.orders, TrainingRange()
     scales = prior.scales(orders)
-    normal = 0.0
-    for run in observed:
-        scaled = rows_of(run, orders, outputs=[0], span=span).matrix * scales
-        normal = normal + scaled.T @ scaled
+    scaled = [rows_of(run, orders, outputs=[0], span=span).matrix * scales for run in observed]
+    normal = sum((one.T @ one for one in scaled[1:]), scaled[0].T @ scaled[0])
     return Question(orders, prior, normal, default_surrogate().error)
 
 

@@ -44,7 +44,8 @@ def facing(nodes: Floats, geometry: Geometry) -> list[tuple[NDArray[np.intp], ND
         sides = [np.flatnonzero(np.isclose(nodes[:, 0], x, atol=1e-6)) for x in slot]
         places = [{tuple(np.round(nodes[n, 1:], 6)): n for n in side} for side in sides]
         above = [key for key in places[0] if key in places[1] and key[1] > geometry.slot_bottom]
-        pairs.append(tuple(np.array([place[key] for key in above]) for place in places))
+        first, second = (np.array([place[key] for key in above]) for place in places)
+        pairs.append((first, second))
     return pairs
 
 

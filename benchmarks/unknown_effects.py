@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from hidden_effects import _column, library
@@ -34,7 +35,7 @@ from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.report.wording import worded
 
-Json = dict[str, object]
+Json = dict[str, Any]
 
 STORE = Path(".cache/unknown_effects")
 SEED = 41
@@ -141,11 +142,12 @@ def _cause(form: str) -> Cause:
     act, stage, typical, _, _ = FORMS[form]
     [(name, size)] = typical.items()
     hook = "on_reading" if stage is Stage.READING else "on_inputs"
+    hooks: dict[str, Any] = {hook: act}
     return Cause(
         name=form,
         mechanism=str(act.__doc__),
         revealed_by="nothing in the catalogue",
-        **{hook: act},
+        **hooks,
         **outside_effect(name, "–", abs(size), stage) | {"typical": typical},
     )
 
@@ -262,7 +264,7 @@ def _one(number: int, *, seed: int, none: bool) -> Json:
     name = f"{'none' if none else 'outside'}-{number}"
     path = STORE / f"seed-{seed}" / f"{name}.json"
     if path.exists():
-        return json.loads(path.read_text(encoding="utf-8"))
+        return dict(json.loads(path.read_text(encoding="utf-8")))
     found = judged(drawn(number, seed=seed, none=none), path.with_suffix(""), seed=seed)
     part = path.with_suffix(".part")
     part.write_text(json.dumps(found), encoding="utf-8")

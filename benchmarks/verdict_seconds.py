@@ -35,13 +35,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fine_library import shipped_library
 from forward_case import machine, say
 from verdict_studies import SEED, TimedStudy, of_size, studies, write
 
-Json = dict[str, object]
+Json = dict[str, Any]
 
 ROOT = Path(__file__).parents[1]
 CHILD = Path(__file__).with_name("verdict_timed.py")

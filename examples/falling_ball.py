@@ -5,15 +5,21 @@ air and a watch that is started late are the candidates. The forward map is aske
 name of the cause, and the watch adds to what is read.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 import bayesdeg as bd
+
+type Floats = NDArray[np.float64]
+type Values = Mapping[str, Floats]
 
 GRAVITY = 9.81  # m/s²
 
 
-def fall_time(values, height):
+def fall_time(values: Values, height: Floats) -> Floats:
     """Return times [s] of v' = g − c v² from rest, arcosh(exp(c h))/√(c g), to second order."""
     drag = values["drag.coefficient"][:, None] if "drag.coefficient" in values else 0.0
     shape = (len(next(iter(values.values()))), len(height))
@@ -21,7 +27,7 @@ def fall_time(values, height):
     return np.broadcast_to(np.sqrt(2.0 * height / GRAVITY) * longer, shape)
 
 
-def late(time, recorded, effect):
+def late(time: Floats, recorded: Floats, effect: Values) -> Floats:
     return time + effect["delay"]
 
 

@@ -7,7 +7,7 @@ was named, and compare on held-out specimens.
 import bayesdeg as bd
 
 
-def main():
+def main() -> None:
     study = bd.read_study("studies/gelatin_actuator")
     model = bd.Model(study, bd.emulator(study))
     base = bd.calibrate(model, effort="quick", seed=1)

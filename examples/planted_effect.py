@@ -13,7 +13,7 @@ from pathlib import Path
 import bayesdeg as bd
 
 
-def main():
+def main() -> None:
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "mine"
         subprocess.run([sys.executable, "-m", "bayesdeg", "init", folder], check=True)

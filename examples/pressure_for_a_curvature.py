@@ -10,7 +10,7 @@ import bayesdeg as bd
 SHOWN = ["degradation_pct", "wanted_per_m", "needed_q05_kPa", "needed_q95_kPa", "pressure_kPa"]
 
 
-def main():
+def main() -> None:
     study = bd.read_study("studies/gelatin_actuator")
     model = bd.Model(study, bd.emulator(study))
     for asked in (model, model.with_causes("pressure_offset")):

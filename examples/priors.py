@@ -12,7 +12,7 @@ import bayesdeg as bd
 SHOWN = ["c1_at_0", "c1_at_25", "stiffness_scatter"]
 
 
-def main():
+def main() -> None:
     study = bd.read_study("studies/gelatin_actuator")
     films = replace(study, actuator=None, summary=None)
     softer = replace(films.settings, priors={"c1_at_0": bd.LogNormal(0.2, 0.05)})

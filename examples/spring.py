@@ -5,21 +5,27 @@ all of them. The catalogue has two causes: an offset of the scale, and a spring 
 verdict must name the first with its size.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 import bayesdeg as bd
 
+type Floats = NDArray[np.float64]
+type Values = Mapping[str, Floats]
 
-def hooke(values, force):
+
+def hooke(values: Values, force: Floats) -> Floats:
     """Return lengths (draws, readings) for stiffnesses ``values["k"]`` (draws,)."""
     return values["k"][:, None] * force
 
 
-def shifted(length, force, effect):
+def shifted(length: Floats, force: Floats, effect: Values) -> Floats:
     return length + effect["length"]
 
 
-def stiffened(force, recorded, effect):
+def stiffened(force: Floats, recorded: Floats, effect: Values) -> Floats:
     return force * np.exp(-effect["rate"] * force)
 
 

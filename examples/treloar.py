@@ -8,7 +8,7 @@ modes that are held out.
 import bayesdeg as bd
 
 
-def main():
+def main() -> None:
     study = bd.read_study("studies/treloar")
     model = bd.Model(study)
     base = bd.calibrate(model, effort="quick", seed=1)

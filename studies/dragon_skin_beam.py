@@ -124,7 +124,7 @@ def infer(
     modulus = {name: 6.0 * draws["c1"] for name, (draws, _) in sampled.items()}
     left = {n: analysis.residuals(models[n], generator) for n in (STATED, SUPPORTED)}
     at_rest = {name: r["mechanics"][:, REST, TIP] for name, r in left.items()}
-    results = {
+    results: dict[str, Any] = {
         "posterior": {name: analysis.summarise(draws) for name, (draws, _) in sampled.items()},
         "sampling": {name: quality for name, (_, quality) in sampled.items()},
         "log_evidence": {name: f.log_evidence for name, f in models.items()},
@@ -172,14 +172,14 @@ def run(out: Path, *, seed: int = SEED, effort: Effort = FULL) -> dict[str, Any]
     linearisation = results.pop("linearisation_rms_mm")
     results |= {
         "seed": seed,
-        "meshes": solutions.converge(effort.meshes, published.COMSOL_MODULUS / 6.0),
+        "meshes": solutions.converge(list(effort.meshes), published.COMSOL_MODULUS / 6.0),
         "comsol": solutions.against_comsol(effort.meshes[2]),
         "accuracy": {
             "map_mm": solutions.check_map(forward, mesh, np.random.default_rng(seed)),
             "linearisation_rms_mm": linearisation,
         },
     }
-    results = _plain(results)
+    results = dict(_plain(results))
     texts = answers(results)
     page = render(
         title=TITLE,

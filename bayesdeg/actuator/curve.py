@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
-from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
+from bayesdeg.actuator.equilibrium import LoadStep, Path, Visit, follow
 from bayesdeg.actuator.families import with_dimensions
 from bayesdeg.actuator.inputs import (
     Further,
@@ -404,14 +404,9 @@ class Actuator:
         derivatives a curve costs less than twice as much as without. They are to be learned from,
         so those of quantiles are smooth: exact ones jump from load to load. Of those by the shape
         what the body's motion does is smooth, and what the moved mesh itself does is not. Of a held
-        tip the force alone is read, as by `tip_forces`.
-
-        Raises
-        ------
-        BayesdegError
-            If scikit-fem assembles the equations.
+        tip the force alone is read, as by `tip_forces`. Where scikit-fem assembles the equations,
+        the path is theirs; derivatives by the inputs are those of the kernels on it.
         """
-        self._need_kernels()
         outputs = 1 if self.held else len(OUTPUTS)
         try:
             mesh, problem = self.problem(curve)
@@ -419,8 +414,9 @@ class Actuator:
             return _no_samples(Status.INVALID_INPUT, outputs)
         with self._lock:
             record = self._recorder(problem, mesh, enough=1e-4, is_smooth=True)
-            solver = self._opened()
-            path = follow(problem, solver, loads=curve.loads, effort=effort, visit=record.visit)
+            solver, equations = self._opened(), self._assembled(mesh, problem)
+            visit = record.visit if equations is problem else _by_kernels(problem, record.visit)
+            path = follow(equations, solver, loads=curve.loads, effort=effort, visit=visit)
         between = () if self.held else _readings(mesh, path.points, has_rates=False)
         return PathSamples(
             np.array(record.loads),
@@ -469,10 +465,14 @@ class Actuator:
     def equations(self, curve: Curve) -> tuple[ActuatorMesh, DiscreteEquations]:
         """Return the mesh and what the backend assembles; as ``problem`` with the kernels."""
         mesh, problem = self.problem(curve)
+        return mesh, self._assembled(mesh, problem)
+
+    def _assembled(self, mesh: ActuatorMesh, problem: Problem) -> DiscreteEquations:
+        """Return the kernels' equations as the backend assembles them."""
         if self._spaces is None:
-            return mesh, problem
+            return problem
         spaces = self._spaces if mesh is self.mesh else Spaces.on(mesh.body)
-        return mesh, WeakForm(problem.system, problem.material, spaces, layer=problem.layer)
+        return WeakForm(problem.system, problem.material, spaces, layer=problem.layer)
 
     def problem(self, curve: Curve) -> tuple[ActuatorMesh, Problem]:
         """Return the mesh and the kernels' equations for a curve, walls and faces moved.
@@ -493,6 +493,16 @@ class Actuator:
             return self.mesh, Problem(self.system, material, layer=layer)
         mesh = reshaped(self.mesh, wall_factor=material.wall_factor, erosion=material.erosion)
         return mesh, Problem(self.system.with_body(mesh.body), material, layer=layer)
+
+
+def _by_kernels(problem: Problem, visit: Visit) -> Visit:
+    """Return a visit with the kernels' couplings, whatever assembled the equations of a step."""
+
+    def with_kernels(step: LoadStep) -> None:
+        known = step.factors is not None
+        visit(replace(step, factors=problem.linearise(step.state)) if known else step)
+
+    return with_kernels
 
 
 def check_inputs(curve: Curve) -> None:
@@ -811,12 +821,13 @@ def sample_task(
     task: tuple[Moulded, Resolution, Curve],
     *,
     effort: PathEffort | None = None,
+    backend: Backend = Backend.KERNELS,
     held: bool = False,
     origin: Moulded | None = None,
 ) -> PathSamples:
     """Sample one curve, with this process's copy of the mesh built once, its tip held or free."""
     geometry, resolution, curve = task
-    actuator = _HELD.get(geometry, resolution, held=held, origin=origin)
+    actuator = _HELD.get(geometry, resolution, backend, held=held, origin=origin)
     return actuator.sample(curve, effort=replace(effort or SAMPLING, steps=LEARNED_STEPS))
 
 

@@ -4,11 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import Study
 from bayesdeg.material.strength import Strength
 from bayesdeg.priors import LogNormal, Parameter
@@ -319,8 +320,9 @@ class Cause:
     of_degradation: bool = False
     corrects: tuple[str, ...] = ()
     on_degradation: Callable[[Degradation, Conditions, Effect], Degradation] | None = None
-    on_inputs: Callable[[Inputs, Conditions, Effect], Inputs] | None = None
-    on_reading: Callable[[Prediction, Conditions, Effect], Prediction] | None = None
+    # of Inputs, Conditions and Prediction; of a user's own forward map of whatever that takes
+    on_inputs: Callable[[Any, Any, Effect], Any] | None = None
+    on_reading: Callable[[Any, Any, Effect], Any] | None = None
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
     on_strength: Callable[[Strength, StrengthConditions, Effect], Strength] | None = None
     blind: Callable[[Conditions], str | None] = always_visible

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Iterator
+from math import isnan
 from pathlib import Path
 
 from rich.table import Table
@@ -14,8 +15,10 @@ from bayesdeg.commands.options import CORES
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.families import MeshDimensions
+from bayesdeg.data.moisture import MASS_LOSS_SLOPE, mass_loss_slope
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import doubts, names_alike, refuse_impossible
+from bayesdeg.data.shrinkage import film_masses, mean_as_printed, mean_over_films
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.emulator.kept import duration, rough_seconds, search
@@ -48,6 +51,8 @@ def check(study: Path) -> None:
     say(f"not used: {rows}" for rows in unused(checked))
     for what, cost in plan.missing:
         errors.print(f"without {what}: {cost}", soft_wrap=True)
+    for line in (*_shrinkage(checked), *_mass_loss(checked)):
+        errors.print(line, soft_wrap=True)
     if plan.has_actuators:
         _say_how_read(checked)
         geometry = geometry_of_study(checked.settings)
@@ -61,6 +66,42 @@ def check(study: Path) -> None:
         if isinstance(mould := geometry.dimensions, MeshDimensions):
             say(filter(None, [mould.assumption]))
         _say_how_long(geometry, checked.settings.uncertain)
+
+
+def _shrinkage(study: Study) -> Iterator[str]:
+    """Give the volume ratio of the films as it is used, and as Eqs 15 and 16 have it."""
+    if study.shrinkage is None:
+        return
+    masses, recipe = film_masses(study.shrinkage), study.settings.recipe
+    used, printed = mean_over_films(masses, recipe)[0], mean_as_printed(masses, recipe)
+    yield (
+        f"volume ratio α of {used.count} film{'s' if used.count > 1 else ''}: "
+        f"{_with_error(used.value, used.standard_error)} by the volumes of the components, which "
+        f"is used; {_with_error(printed.value, printed.standard_error)} by Eqs 15 and 16 as "
+        "printed, which average densities by mass"
+    )
+
+
+def _mass_loss(study: Study) -> Iterator[str]:
+    """Give the slope of Eq. 6 that the control experiment has, beside the published one."""
+    if study.mass_loss is None:
+        return
+    try:
+        found = mass_loss_slope(study.mass_loss)
+    except ValueError as fault:
+        yield f"mass_loss.csv: {fault}"
+        return
+    yield (
+        f"mass loss over degradation rate of {found.samples} "
+        f"sample{'s' if found.samples > 1 else ''}: {_with_error(found.dry, found.dry_se)} with "
+        f"moisture on the dry basis (published: {MASS_LOSS_SLOPE}, Eq. 6); "
+        f"{_with_error(found.wet, found.wet_se)} on the wet basis, on which other files give D_R"
+    )
+
+
+def _with_error(value: float, error: float) -> str:
+    """Word a number with its standard error, if that is known."""
+    return f"{value:.3g}" if isnan(error) else f"{value:.3g} ± {error:.2g}"
 
 
 def _say_how_long(geometry: Moulded, uncertain: tuple[UncertainDimension, ...]) -> None:

@@ -8,6 +8,7 @@ import typer
 
 from bayesdeg import training
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.status import Backend
 from bayesdeg.console import errors
 from bayesdeg.data.settings import FILE, Settings, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
@@ -26,6 +27,7 @@ def emulate(
     workers: int,
     scheduler: str | None,
     timeout: float,
+    backend: Backend,
     yes: bool,
     quiet: bool,
 ) -> None:
@@ -36,10 +38,11 @@ def emulate(
     _refuse_uncertain(settings)
     actuator = geometry_of_study(settings)
     refuse_whole_range(actuator)
-    path = cached_path(actuator, training.RECIPE, CACHE) if out is None else output_file(out)
+    manner = training.Manner(yes=yes, quiet=quiet, backend=backend)
+    path = cached_path(actuator, manner.recipe, CACHE) if out is None else output_file(out)
     with workplace(workers, scheduler) as executor:
-        campaign = Campaign(actuator, training.RECIPE, SolutionStore(store), executor, timeout)
-        training.train(campaign, path, training.Manner(yes=yes, quiet=quiet))
+        campaign = Campaign(actuator, manner.recipe, SolutionStore(store), executor, timeout)
+        training.train(campaign, path, manner)
     if not quiet:
         errors.print(f"wrote {path}", soft_wrap=True)
 

@@ -79,6 +79,7 @@ def run(
     scheduler: options.Scheduler = None,
     emulator: options.OtherEmulator = None,
     refine: options.Refine = False,
+    backend: options.Trained = Backend.KERNELS,
     fresh: options.Fresh = False,
     yes: options.Yes = False,
     as_json: options.VerdictAsJson = False,
@@ -139,6 +140,7 @@ def emulate(
     workers: options.Workers = options.CORES,
     scheduler: options.Scheduler = None,
     timeout: options.Timeout = inf,
+    backend: options.Trained = Backend.KERNELS,
     yes: options.Yes = False,
     quiet: options.Quiet = False,
 ) -> None:

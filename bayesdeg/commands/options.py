@@ -79,6 +79,14 @@ Assembled = Annotated[
         "same, and assembly takes forty times as long: for checks, not for whole studies."
     ),
 ]
+Trained = Annotated[
+    Backend,
+    typer.Option(
+        help="What assembles the finite elements that an emulator is trained on. With scikit-fem "
+        "one is trained even where one ships, to check the kernels by: assembly takes forty times "
+        "as long; derivatives by the inputs remain those of the kernels."
+    ),
+]
 VirtualTarget = Annotated[Path, typer.Option(help="Folder for the virtual study.")]
 
 # ---- of emulate

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.text import Text
 
+from bayesdeg.actuator.status import Backend
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -26,7 +27,7 @@ from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of, forward_map_words, sets_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import VerdictRecord
-from bayesdeg.training import Manner, emulator_for
+from bayesdeg.training import Manner, emulator_for, refuse_cells
 
 
 def run(
@@ -38,6 +39,7 @@ def run(
     scheduler: str | None,
     emulator: Path | None,
     refine: bool,
+    backend: Backend,
     fresh: bool,
     yes: bool,
     as_json: bool,
@@ -47,7 +49,7 @@ def run(
     with shown(quiet) as progress:
         found = read_study(study, progress)
     checked = with_options(found, effort, seed)
-    unlikely, own = _doubts(checked), checked.settings.forward is not None
+    unlikely, own = _doubts(checked, backend), checked.settings.forward is not None
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes
     workers, scheduler = (1, None) if own else (workers, scheduler)
@@ -58,7 +60,7 @@ def run(
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        manner = Manner(yes=yes, quiet=quiet, refine=refine)
+        manner = Manner(yes=yes, quiet=quiet, refine=refine, backend=backend)
         forward = None if own else emulator_for(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
@@ -76,12 +78,13 @@ def run(
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
 
 
-def _doubts(study: Study) -> tuple[Doubt | str, ...]:
+def _doubts(study: Study, backend: Backend) -> tuple[Doubt | str, ...]:
     """Return what is unlikely, and refuse what is impossible before a folder is made."""
     if study.settings.forward is not None:
         answers = assemble(study).answers
         said = () if answers is None else forward_map_words(answers)
         return (*names_alike(study), *said)
+    refuse_cells(study.settings, backend)
     return refuse_impossible(doubts(study, outline(study).expected))
 
 

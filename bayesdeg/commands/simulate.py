@@ -13,7 +13,6 @@ from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.console import errors, say, shown
 from bayesdeg.data.families import MeshDimensions
-from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
@@ -30,6 +29,7 @@ from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.training import refuse_cells
 
 
 def simulate(
@@ -45,7 +45,7 @@ def simulate(
     """Do what `interface.simulate` says."""
     template = read_study(study)
     _refuse(template)
-    _refuse_cells(template, backend)
+    refuse_cells(template.settings, backend)
     chosen = template.settings.seed if seed is None else seed
     generator = np.random.default_rng(chosen)
     effects = parse_effects(cause or [])
@@ -121,24 +121,6 @@ def _volume_ratio(template: Study) -> float:
     """Return that of a part that does not degrade: the median of its prior, 1 without one."""
     law = template.settings.priors.get("volume_ratio")
     return 1.0 if law is None else float(law.quantile(0.5))
-
-
-def _refuse_cells(template: Study, backend: Backend) -> None:
-    """Refuse tetrahedra where scikit-fem is to assemble, whose weak form is of bricks.
-
-    Raises
-    ------
-    BayesdegError
-        If they are.
-    """
-    mould = template.settings.dimensions
-    if backend is Backend.KERNELS or not isinstance(mould, MeshDimensions):
-        return
-    if read_part(mould.path).is_tetrahedral:
-        raise BayesdegError(
-            f"{mould.file} is of tetrahedra, and {backend} assembles bricks alone; "
-            f"take --backend {Backend.KERNELS}"
-        )
 
 
 def _refuse(template: Study) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from scipy.optimize import curve_fit
 from scipy.stats import norm
 
@@ -216,6 +217,78 @@ def mass_loss_from_degradation(
     """
     dry = to_dry_basis(degradation_pct, moisture_initial_pct=moisture_initial_pct)
     return slope * dry
+
+
+@dataclass(frozen=True)
+class MassLossSlope:
+    """Mass loss over degradation rate, as a control experiment gives it.
+
+    Parameters
+    ----------
+    dry, wet : float
+        Slope with both moisture contents on the dry basis, as in Eq. 6, and on the wet basis [–].
+    dry_se, wet_se : float
+        Their standard errors; nan for a single sample.
+    samples : int
+        Samples weighed before and after.
+    """
+
+    dry: float
+    dry_se: float
+    wet: float
+    wet_se: float
+    samples: int
+
+
+def mass_loss_slope(control: pd.DataFrame) -> MassLossSlope:
+    r"""Fit the slope of Eq. 6 to the control experiment, by least squares through the origin.
+
+    .. math:: k = \frac{\sum D M}{\sum D^2}, \quad
+        \sigma_k^2 = \frac{\sum (M - k D)^2}{(n - 1) \sum D^2}
+
+    with each sample's mass loss M of Eq. 5 and degradation rate D of Eq. 3, against its own
+    moisture before degradation. The scatter of D lowers k by the share of it in ΣD².
+
+    Parameters
+    ----------
+    control : pandas.DataFrame
+        ``mass_loss.csv``.
+
+    Raises
+    ------
+    ValueError
+        If no sample's moisture changed.
+
+    Examples
+    --------
+    Moisture on the dry basis falls from 25 to 20 %, D = 20 %, while 17 % of the mass is lost:
+
+    >>> masses = {"mass_dry_before_g": [1.0], "mass_equilibrated_before_g": [1.25]}
+    >>> masses |= {"mass_dry_after_g": [0.83], "mass_equilibrated_after_g": [0.83 * 1.2]}
+    >>> round(mass_loss_slope(pd.DataFrame(masses)).dry, 4)
+    0.85
+    """
+    before, after = (
+        (control[f"mass_equilibrated_{state}_g"], control[f"mass_dry_{state}_g"])
+        for state in ("before", "after")
+    )
+    lost = mass_loss(after[1], before[1])
+    dry, wet = (
+        _through_origin(degradation_rate(content(*after), content(*before)), lost)
+        for content in (moisture_content_dry_basis, moisture_content)
+    )
+    return MassLossSlope(*dry, *wet, len(lost))
+
+
+def _through_origin(x: Floats, y: Floats) -> tuple[float, float]:
+    """Return the slope of a line through the origin and its standard error."""
+    square = float(x @ x)
+    if not square > 0.0:
+        raise ValueError("the moisture of no sample changed, so there is no slope")
+    slope = float(x @ y) / square
+    left = y - slope * x
+    freedom = len(x) - 1
+    return slope, float(np.sqrt(left @ left / freedom / square)) if freedom else float("nan")
 
 
 #: In units of the last time; beyond it the course is straight and tells nothing of a limit.

@@ -482,6 +482,21 @@ def mean_over_films(masses: Masses, recipe: MixtureRecipe) -> tuple[Mean, float]
     return replace(mean, standard_error=total), dof
 
 
+def mean_as_printed(masses: Masses, recipe: MixtureRecipe) -> Mean:
+    """Average α over films by Eqs 15–17 as printed, with densities averaged by mass.
+
+    To be shown beside `mean_over_films`, which is used. Its standard error is that of the films
+    alone, without that of their recipe.
+
+    Examples
+    --------
+    >>> films = (np.full(2, 30.0), np.full(2, 15.0), np.full(2, 10.0))
+    >>> round(mean_as_printed(films, MixtureRecipe()).value, 4)
+    0.6085
+    """
+    return mean_of_replicates(volume_ratio_by_mass_average(*masses, recipe.mixture))
+
+
 def linear_scale(volume_ratio: npt.ArrayLike) -> Floats:
     """Compute the length of the part over that of the mould, s = α^(1/3), for equal shrinkage.
 

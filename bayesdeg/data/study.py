@@ -275,7 +275,7 @@ class Study:
         Where it was read from.
     settings : Settings
         The contents of ``study.toml``.
-    moisture, shrinkage, tensile, breaks, actuator, summary : pandas.DataFrame or None
+    moisture, mass_loss, shrinkage, tensile, breaks, actuator, summary : DataFrame or None
         The checked tables: the columns of the contract, always all of them, then extra ones as
         text. Cells not recorded hold their default, or nan. Rows of an actuator after its
         rupture are left out.
@@ -308,6 +308,7 @@ class Study:
     breaks: pd.DataFrame | None = None
     actuator: pd.DataFrame | None = None
     summary: pd.DataFrame | None = None
+    mass_loss: pd.DataFrame | None = None
     hashes: Mapping[str, str] = field(default_factory=dict)
     recorded: Mapping[str, frozenset[str]] = field(default_factory=dict)
     passed_over: Mapping[str, int] = field(default_factory=dict)
@@ -367,7 +368,7 @@ class Study:
         >>> Study("gelatin", Path("gelatin"), tensile=fresh, moisture=pd.DataFrame()).degrades
         True
         """
-        if self.moisture is not None or self.shrinkage is not None:
+        if any(one is not None for one in (self.moisture, self.mass_loss, self.shrinkage)):
             return True
         if self.summary is not None and self.summary["quantity"].isin(OF_DEGRADATION).any():
             return True

@@ -489,6 +489,29 @@ MOISTURE = pa.DataFrameSchema(
     ],
     name="moisture.csv",
 )
+MASS_LOSS = pa.DataFrameSchema(
+    {
+        "specimen_id": text(),
+        "time_min": number(NOT_NEGATIVE),
+        "mass_dry_before_g": number(POSITIVE),
+        "mass_dry_after_g": number(POSITIVE),
+        "mass_equilibrated_before_g": number(POSITIVE),
+        "mass_equilibrated_after_g": number(POSITIVE),
+    },
+    [
+        once("specimen_id", "give one row a sample, and every sample its own name"),
+        *(
+            at_most(
+                f"mass_dry_{state}_g",
+                f"mass_equilibrated_{state}_g",
+                "a sample loses mass when it dries",
+                strictly=True,
+            )
+            for state in ("before", "after")
+        ),
+    ],
+    name="mass_loss.csv",
+)
 SHRINKAGE = pa.DataFrameSchema(
     {
         "film_id": text(),
@@ -579,6 +602,13 @@ TABLES: Mapping[str, Table] = MappingProxyType(
                 "moisture",
                 MOISTURE,
                 cost="degradation rates are taken as recorded, without a check against time",
+                of_degradation=True,
+            ),
+            Table(
+                "mass_loss",
+                MASS_LOSS,
+                supports="mass loss over degradation rate",
+                counts="samples",
                 of_degradation=True,
             ),
             Table(

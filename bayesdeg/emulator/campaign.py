@@ -23,7 +23,7 @@ from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import MODEL_VERSION, Status
+from bayesdeg.actuator.status import MODEL_VERSION, Backend, Status
 from bayesdeg.emulator.coordinates import LARGEST_WARPED, SLACK, coordinates, scaled_cause
 from bayesdeg.emulator.departure_training import (
     MovedCurve,
@@ -1175,7 +1175,10 @@ def runs(
     ways = (False, True) if design is not None and design.with_forces else (False,)
     both = ((recipe.coarse_mesh, coarse), (recipe.fine_mesh, fine))
     found = [
-        Run(geometry, mesh, with_layer(geometry, curve), Kind.SAMPLES, held)
+        Run(
+            *(geometry, mesh, with_layer(geometry, curve), Kind.SAMPLES, held),
+            backend=recipe.backend,
+        )
         for held in ways
         for mesh, curves in both
         for curve in curves
@@ -1191,7 +1194,10 @@ def _runs_of_single_causes(
     if design is not None or not recipe.has_further_stages:
         return []
     curves = third_stage(TrainingRange())
-    return [Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES) for curve in curves]
+    return [
+        Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES, backend=recipe.backend)
+        for curve in curves
+    ]
 
 
 def _moved(
@@ -1204,7 +1210,9 @@ def _moved(
         shape = one.geometry(geometry, design.dimensions)
         mesh = recipe.fine_mesh if one.is_fine else recipe.coarse_mesh
         curve = with_layer(shape, one.curve)
-        yield Run(shape, mesh, curve, Kind.SAMPLES, held, origin=geometry)
+        yield Run(
+            *(shape, mesh, curve, Kind.SAMPLES, held), origin=geometry, backend=recipe.backend
+        )
 
 
 def _curves(recipe: Recipe, design: LocalDesign | None) -> tuple[list[Curve], list[Curve]]:
@@ -1370,7 +1378,8 @@ def _pairs(
     """Yield moved curves that were solved beside the same curves unmoved, in the design's units."""
     runs_moved = _moved(geometry, recipe, design, held)
     for one, run in zip(design.moved, runs_moved, strict=True):
-        still = Run(geometry, run.resolution, with_layer(geometry, one.curve), Kind.SAMPLES, held)
+        curve = with_layer(geometry, one.curve)
+        still = replace(run, geometry=geometry, curve=curve, origin=None)
         if run not in solved or still not in solved:
             continue
         curves, samples = counted(
@@ -1428,6 +1437,8 @@ def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) ->
         "fine_mesh_mm": vars(recipe.fine_mesh),
         "dimensions_mm": {n: v for n, v in vars(geometry.dimensions).items() if n != "path"},
     }
+    if recipe.backend is not Backend.KERNELS:
+        record["backend"] = recipe.backend
     return record if alike else record | {"geometry": geometry.record()}
 
 

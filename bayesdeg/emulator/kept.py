@@ -17,7 +17,7 @@ import numpy as np
 
 from bayesdeg.actuator.families import geometry_of
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Resolution
+from bayesdeg.actuator.status import CONVERGED, MODEL_VERSION, Backend, Resolution
 from bayesdeg.data.families import Constraint, MeshDimensions, Mould
 from bayesdeg.data.families import Kind as ActuatorKind
 from bayesdeg.data.part import read_part
@@ -44,6 +44,8 @@ class Recipe:
     further : bool
         Whether further stages follow: a second one where the first was found least certain, and a
         third one of single causes; they belong to the default numbers and seed alone.
+    backend : Backend
+        What assembles the equations.
 
     Examples
     --------
@@ -59,6 +61,7 @@ class Recipe:
     fine_runs: int = 96
     seed: int = 11
     further: bool = True
+    backend: Backend = Backend.KERNELS
 
     @property
     def has_further_stages(self) -> bool:
@@ -204,7 +207,10 @@ def cached_path(geometry: Moulded, recipe: Recipe, cache: Path = CACHE) -> Path:
     >>> cached_path(one, Recipe()) == cached_path(other, Recipe())
     False
     """
-    content = json.dumps([geometry.record(), asdict(recipe)])
+    trained_on = asdict(recipe)
+    if recipe.backend is Backend.KERNELS:  # names as they were before there was another
+        trained_on.pop("backend")
+    content = json.dumps([geometry.record(), trained_on])
     content = json.dumps(json.loads(content, parse_int=float), sort_keys=True)  # 60 and 60.0
     return cache / f"{hashlib.sha256(content.encode()).hexdigest()[:16]}.npz"
 
@@ -236,6 +242,17 @@ def record_of(content: bytes) -> str:
     """Return what the emulator in a npz file was trained on."""
     with np.load(io.BytesIO(content), allow_pickle=False) as stored:
         return str(stored["record"])
+
+
+def backend_of(record: str) -> Backend:
+    """Return what assembled the equations behind an emulator.
+
+    Examples
+    --------
+    >>> backend_of("{}")
+    <Backend.KERNELS: 'kernels'>
+    """
+    return Backend(json.loads(record).get("backend", Backend.KERNELS))
 
 
 def refuse_outdated(path: Traversable, record: str) -> None:
@@ -287,7 +304,7 @@ def search(
     if unlike:  # those that were trained are of one study each
         return EmulatorSearch(None, path, (f"the package has no emulator of it: {unlike}",))
     reasons = []
-    if recipe == Recipe():
+    if recipe == Recipe():  # not if another backend is to assemble
         record = read_content(SHIPPED, record_of)
         changed, old = other_dimensions(geometry, record), outdated(record)
         if not changed and not old:

@@ -23,7 +23,7 @@ from bayesdeg.actuator.material import LayerGroups, MaterialGroups
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import MODEL_VERSION, Resolution, Status
+from bayesdeg.actuator.status import MODEL_VERSION, Backend, Resolution, Status
 from bayesdeg.errors import BayesdegError, ResumableError
 from bayesdeg.files import RUN_MB, read_bytes, reason
 
@@ -55,6 +55,8 @@ class Run:
         Whether the tip is held, and the force there is all that is read.
     origin : Moulded, optional
         The actuator whose mesh is moved onto this one; by default it has a mesh of its own.
+    backend : Backend
+        What assembles the equations.
 
     Examples
     --------
@@ -72,6 +74,7 @@ class Run:
     kind: Kind = Kind.CURVE
     held: bool = False
     origin: Moulded | None = None
+    backend: Backend = Backend.KERNELS
 
     def parameters(self) -> dict[str, object]:
         """Return all that the solution depends on, the model's version included, as plain JSON."""
@@ -80,6 +83,8 @@ class Run:
             whole["curve"].pop("layer")
         if not self.held:  # as those had before forces
             whole.pop("held")
+        if self.backend is Backend.KERNELS:  # as those had before there was another
+            whole.pop("backend")
         whole.pop("origin")  # and those before dimensions could move
         if self.origin is not None:
             whole["origin"] = self.origin.record()
@@ -100,6 +105,7 @@ class Run:
         loads = self.curve.loads
         upto = f"{len(loads)} loads up to {loads[-1]:g}" if loads else "no load"
         tip = ", tip held" if self.held else ""
+        tip += "" if self.backend is Backend.KERNELS else f", by {self.backend}"
         return f"{self.kind} run {self.key()[:12]} ({upto}, {named}{tip})"
 
 
@@ -130,6 +136,7 @@ def run_of(parameters: dict[str, Any]) -> Run:
         Kind(parameters["kind"]),
         bool(parameters.get("held", False)),
         geometry_of_record(parameters["origin"]) if "origin" in parameters else None,
+        Backend(parameters.get("backend", Backend.KERNELS)),
     )
 
 

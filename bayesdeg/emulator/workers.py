@@ -61,10 +61,10 @@ def solve(run: Run, key: str, timeout: float) -> tuple[Solution, float]:
     with _ONE_AT_A_TIME, threadpool_limits(limits=1):
         start = time.perf_counter()
         solution: Solution
-        if run.kind is Kind.CURVE:
-            solution = solve_task(task, effort=effort, held=run.held, origin=run.origin)
-        else:
-            solution = sample_task(task, effort=effort, held=run.held, origin=run.origin)
+        solver = solve_task if run.kind is Kind.CURVE else sample_task
+        solution = solver(
+            task, effort=effort, backend=run.backend, held=run.held, origin=run.origin
+        )
         return solution, time.perf_counter() - start
 
 

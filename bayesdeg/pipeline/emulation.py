@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.moulded import Moulded
-from bayesdeg.actuator.problem import Problem, System
-from bayesdeg.actuator.status import Resolution, Status
+from bayesdeg.actuator.status import Backend, Resolution, Status
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.trials import Trial
 from bayesdeg.data.study import Study
@@ -180,17 +180,21 @@ def expect(campaign: Campaign, progress: Progress) -> Expectation:
     if untimed:
         progress.stage("timing the meshes", total=len(untimed))
     for mesh in untimed:
-        timed[mesh] = [FACTORIZATIONS * seconds_of_factorization(campaign.geometry, mesh)]
+        once = seconds_of_factorization(campaign.geometry, mesh, campaign.recipe.backend)
+        timed[mesh] = [FACTORIZATIONS * once]
         progress.advance()
     each = {mesh: median(timed[mesh]) for mesh in counts}
     later = campaign.later * each.get(campaign.recipe.fine_mesh, 0.0)
     return Expectation(dict(counts), each, campaign.workers, later)
 
 
-def seconds_of_factorization(geometry: Moulded, mesh: Resolution) -> float:
+def seconds_of_factorization(
+    geometry: Moulded, mesh: Resolution, backend: Backend = Backend.KERNELS
+) -> float:
     """Return how long it takes to assemble and factorize the tangent of an actuator at rest [s]."""
-    system = System(build_mesh(geometry, mesh).body)
-    problem, solver = Problem(system, PLAIN), open_factorization(system.upper)
+    actuator = Actuator(build_mesh(geometry, mesh), backend=backend)
+    system, (_, problem) = actuator.system, actuator.equations(Curve((), PLAIN))
+    solver = open_factorization(system.upper)
     try:
         solver.factorize(problem.linearise(system.rest()).tangent)  # analysed, and compiled
         begun = time.perf_counter()

@@ -22,8 +22,14 @@ from bayesdeg.criticism.decide.verdict import Uncalibrated
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout import gain
 from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
-from bayesdeg.data.moisture import degradation_of_films, moisture_content
+from bayesdeg.data.moisture import (
+    MASS_LOSS_SLOPE,
+    degradation_of_films,
+    mass_loss_slope,
+    moisture_content,
+)
 from bayesdeg.data.settings import RUPTURE_CRITERIA
+from bayesdeg.data.shrinkage import film_masses, mean_as_printed
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
@@ -298,6 +304,10 @@ def measured(study: Study) -> pd.DataFrame:
     ]
     if study.moisture is not None:
         rows += _moisture(study)
+    if study.shrinkage is not None:
+        rows += _volume_ratios(study)
+    if study.mass_loss is not None:
+        rows += _mass_loss(study.mass_loss)
     names = ["quantity", "degradation_pct", "value", "sd", "unit", "n", "rests_on"]
     return pd.DataFrame(rows, columns=names)
 
@@ -322,6 +332,46 @@ def _moisture(study: Study) -> list[dict[str, object]]:
         }
         for time, rate, error in zip(
             films.time_h, films.degradation_pct, films.standard_error, strict=True
+        )
+    ]
+
+
+def _volume_ratios(study: Study) -> list[dict[str, object]]:
+    """Return α as Eqs 15 and 16 have it, which is shown beside that of the components' volumes."""
+    assert study.shrinkage is not None
+    printed = mean_as_printed(film_masses(study.shrinkage), study.settings.recipe)
+    return [
+        {
+            "quantity": "volume ratio by Eqs 15 and 16",
+            "degradation_pct": np.nan,
+            "value": printed.value,
+            "sd": printed.standard_error,
+            "unit": "–",
+            "n": float(printed.count),
+            "rests_on": "shrinkage.csv, densities averaged by mass: for comparison, not used",
+        }
+    ]
+
+
+def _mass_loss(control: pd.DataFrame) -> list[dict[str, object]]:
+    """Return the slope of Eq. 6 with moisture on either basis."""
+    try:
+        found = mass_loss_slope(control)
+    except ValueError:  # no moisture changed
+        return []
+    return [
+        {
+            "quantity": f"mass loss over degradation rate, {basis} basis",
+            "degradation_pct": np.nan,
+            "value": slope,
+            "sd": se,
+            "unit": "–",
+            "n": float(found.samples),
+            "rests_on": f"mass_loss.csv{published}",
+        }
+        for basis, slope, se, published in (
+            ("dry", found.dry, found.dry_se, f"; published {MASS_LOSS_SLOPE} (Eq. 6)"),
+            ("wet", found.wet, found.wet_se, ""),
         )
     ]
 

@@ -33,7 +33,7 @@ def modulus_figure(draws: dict[str, Floats]) -> bytes:
     """
     figure = Figure(figsize=(8.5, 3.4), layout="constrained")
     axes = figure.subplots()
-    edges = np.arange(195.0, 346.0, 3.0)
+    edges = np.arange(195.0, 346.0, 3.0).tolist()
     for name, modulus in draws.items():
         axes.hist(
             modulus, edges, density=True, histtype="stepfilled", alpha=0.35, color=COLOURS[name]

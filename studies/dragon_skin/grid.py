@@ -28,7 +28,9 @@ def graded(length: float, bricks: int, ratio: float) -> Floats:
     place = np.arange(bricks)
     sizes = ratio ** np.minimum(place, bricks - 1 - place)
     ends = length * np.concatenate([[0.0], np.cumsum(sizes) / np.sum(sizes)])
-    return np.interp(0.5 * np.arange(2 * bricks + 1), np.arange(bricks + 1), ends)
+    return np.asarray(
+        np.interp(0.5 * np.arange(2 * bricks + 1), np.arange(bricks + 1), ends), dtype=np.float64
+    )
 
 
 def weights_at(nodes: Floats, at: float) -> Floats:

@@ -40,7 +40,9 @@ class MarkerMap:
         """Return where values lie within the solved range."""
         log_c1 = np.log(c1)
         inside = (log_c1 >= self.log_c1[0]) & (log_c1 <= self.log_c1[-1])
-        return inside & (pitch >= self.pitch[0]) & (pitch <= self.pitch[-1])
+        return np.asarray(
+            inside & (pitch >= self.pitch[0]) & (pitch <= self.pitch[-1]), dtype=np.bool_
+        )
 
     def at(
         self, c1: Floats, pitch: Floats, effects: Mapping[str, Floats]

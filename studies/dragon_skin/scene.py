@@ -77,7 +77,7 @@ def _rest(forward: MarkerMap, values: Mapping[str, Floats], offset: Floats) -> F
         return rest
     angle = 1e-3 * np.deg2rad(values["clamp_compliance"])[:, None] * moment
     axis = angle[..., None, None] * np.array([0.0, 1.0, 0.0])
-    return rotate(axis, rest - CLAMP) + CLAMP
+    return np.asarray(rotate(axis, rest - CLAMP) + CLAMP, dtype=np.float64)
 
 
 def rotate(turn: Floats, points: Floats) -> Floats:
@@ -92,7 +92,7 @@ def rotate(turn: Floats, points: Floats) -> Floats:
     once = _cross(turn, points)
     twice = _cross(turn, once)
     turned: Floats = points + np.sin(angle) / angle * once
-    return turned + (1.0 - np.cos(angle)) / angle**2 * twice
+    return np.asarray(turned + (1.0 - np.cos(angle)) / angle**2 * twice, dtype=np.float64)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -112,4 +112,4 @@ def _moved(points: Floats, motion: Floats) -> Floats:
 def _placed(points: Floats, pose: Floats) -> Floats:
     """Move points (n, take, state, marker, 3) by poses (n, take, 6), turning about the clamp."""
     turned = rotate(pose[:, :, None, None, 3:], points - CLAMP) + CLAMP
-    return turned + pose[:, :, None, None, :3]
+    return np.asarray(turned + pose[:, :, None, None, :3], dtype=np.float64)

@@ -36,7 +36,7 @@ def build_map(divisions: Divisions, points: int) -> MarkerMap:
     points : int
         Values of C1.
     """
-    log_c1 = chebyshev_points(*np.log(RANGE), points)
+    log_c1 = chebyshev_points(np.log(RANGE[0]), np.log(RANGE[1]), points)
     beam = Beam(divisions)
     solved = [[_cases(beam, c1, pitch) for pitch in PITCHES] for c1 in np.exp(log_c1)]
     slopes = _slopes(beam, log_c1)
@@ -68,7 +68,7 @@ def check_map(forward: MarkerMap, divisions: Divisions, generator: np.random.Gen
     dict of float
         Largest distance of a ball by kind of check [mm].
     """
-    c1 = np.exp(generator.uniform(*np.log([200.0 / 6.0, 350.0 / 6.0]), 2))
+    c1 = np.exp(generator.uniform(np.log(200.0 / 6.0), np.log(350.0 / 6.0), 2))
     tilt = generator.uniform(-8.0, 8.0, 2)
     beam = Beam(divisions)
 

@@ -1,11 +1,16 @@
 """Times of fall from rest, without drag unless that cause is active."""
 
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
+
+type Values = Mapping[str, NDArray[np.float64]]
 
 GRAVITY = 9.81  # m/s²
 
 
-def fall_time(values, x):
+def fall_time(values: Values, x: Values) -> NDArray[np.float64]:
     """Return times [s] of v' = g − c v², arcosh(exp(c h))/√(c g); √(2h/g) for c = 0.
 
     Values are arrays of draws (k,), by the names of the parameters; inputs are columns of

@@ -183,7 +183,7 @@ def answer(shared: Shared, generator: np.random.Generator) -> dict[str, Any]:
     }
 
     def probability(name: str) -> float:
-        return max(found["probability"] for found in judged[name]["criteria"].values())
+        return max(float(found["probability"]) for found in judged[name]["criteria"].values())
 
     return {
         "without_cause": {c: compare(shared, reference[c], reference[c]) for c in CRITERIA},

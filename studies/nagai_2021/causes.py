@@ -51,7 +51,7 @@ class Misread:
 def conditions() -> Conditions:
     """Return what the experiment is taken to have set and recorded, one row a level."""
     pressure = np.broadcast_to(STEPS, (len(LEVELS), len(STEPS)))
-    time = INTERVAL * np.arange(len(STEPS))
+    time = INTERVAL * np.arange(len(STEPS), dtype=np.float64)
     return Conditions(pressure, LEVELS[:, None], time=time, humidity=np.array(ROOM))
 
 

@@ -133,7 +133,9 @@ def imagine(
     if mean:
         experiment = experiment.mean(axis=2, keepdims=True)
     difference = np.broadcast_to(simulation, experiment.shape)
-    pooled = unexplained(experiment.reshape(*shape[:2], -1), difference.reshape(*shape[:2], -1))
+    pooled = unexplained(
+        *(np.asarray(one, np.float64).reshape(*shape[:2], -1) for one in (experiment, difference))
+    )
     return np.log(np.maximum(pooled, 1e-9)).astype(np.float64)
 
 

@@ -54,9 +54,9 @@ def dependence(
     assumed : dict
         ``models`` and ``causes`` for `ASSUMED`, which (a) and (c) have computed.
     """
-    found = []
+    found: list[Json] = []
     for noise, floor in NOISES:
-        scales = {"noise": noise, "floor_per_m": floor}
+        scales: Json = {"noise": noise, "floor_per_m": floor}
         if (noise, floor) == ASSUMED:
             found.append(scales | assumed)
             continue
@@ -102,7 +102,7 @@ def of_model(found: Json, name: str) -> Json:
 def largest(found: Json) -> str:
     """Return the cause with the largest Bayes factor."""
     causes = found["causes"]
-    return max(causes, key=lambda name: float(causes[name]["bayes_factor"]))
+    return str(max(causes, key=lambda name: float(causes[name]["bayes_factor"])))
 
 
 def at(found: Iterable[Json], scales: tuple[float, float]) -> Json:

@@ -1,5 +1,6 @@
 """What ``bayesdeg check`` says of columns that cannot be what their names say."""
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 from bayesdeg import cli
 
+TIMES = ("before", "after")
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
@@ -96,3 +98,23 @@ def test_specimens_are_counted_by_file_and_what_looks_alike_is_in_doubt(
     assert rows["moisture.csv"][-3:-1] == ["63", "films"]
     assert "nearly the same" in said
     assert "'a00-1'" in said
+
+
+def test_both_ways_to_the_volume_ratio_and_the_control_of_eq_6_are_said(
+    tmp_path, monkeypatch, capsys
+):
+    states = [f"mass_{state}_{time}_g" for state in ("dry", "equilibrated") for time in TIMES]
+    rows = ("a,30,0.60,0.45,0.75,0.54", "b,30,0.60,0.46,0.75,0.552")  # 25 and 20 % of moisture
+    made = shutil.copytree(STUDIES / "gelatin_actuator", tmp_path / "made")
+    header = ",".join(["specimen_id", "time_min", *states])
+    (made / "mass_loss.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", str(made)])
+    assert cli.exit_code() == 0
+    said = "".join(capsys.readouterr())
+    used, printed, *_ = map(float, re.findall(r"(0\.\d+) ± ", said))
+    assert used == pytest.approx(0.586, abs=0.002)
+    assert 0.001 < used - printed < 0.02
+    assert "Eqs 15" in said
+    # 25 and 23.3 % of the mass over a rate of 20 %
+    assert "1.21 ± 0.042" in said
+    assert "0.8574" in said

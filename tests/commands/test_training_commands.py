@@ -13,11 +13,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import bayesdeg as bd
 from bayesdeg import cli, training
-from bayesdeg.actuator.status import Status
+from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator import workers
@@ -124,6 +125,40 @@ def test_emulate_repeats_nothing(here, command):
     assert "training takes" not in err
     assert solved() == before
     assert Path("other.npz").read_bytes() == CACHED.read_bytes()
+
+
+def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, command):
+    command("emulate", "tiny.toml", "--workers", 1, "--quiet")
+    before = solved()
+    code, _, err = command(
+        *("emulate", "tiny.toml", "--workers", 1, "--quiet", "--backend", "scikit-fem")
+    )
+    assert code == 0, err
+    made = sorted(Path(".cache/campaign").glob("*.npz"))
+    assert len(made) == 2 * len(before)
+    assert len(kept()) == 2
+    ours, theirs = (emulation.runs(GEOMETRY, replace(RECIPE, backend=b)) for b in Backend)
+    store = SolutionStore(Path(".cache/campaign"))
+    for one, other in zip(ours, theirs, strict=True):
+        expected, found = store.get(one), store.get(other)
+        assert found.status == expected.status
+        np.testing.assert_allclose(found.readings, expected.readings, rtol=1e-3, atol=1e-6)
+        np.testing.assert_allclose(found.gradients[-1], expected.gradients[-1], rtol=0.1, atol=0.1)
+
+
+@pytest.mark.slow
+def test_run_takes_no_emulator_of_another_assembly(here, command, pipeline):
+    code, _, err = command("run", "study", "--workers", 1, "--yes")
+    assert code == 0, err
+    write_trained(Path("given.npz"), pipeline[0])
+    before = len(solved())
+    code, _, err = command("run", "study", "--workers", 1, "--yes", "--backend", "scikit-fem")
+    assert code == 0, err
+    assert len(solved()) == 2 * before
+    code, _, err = command("run", "study", "--emulator", "given.npz", "--backend", "scikit-fem")
+    assert code == 2
+    assert "given.npz" in err
+    assert "kernels" in err
 
 
 def test_quiet_says_nothing(here, command):

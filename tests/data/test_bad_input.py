@@ -12,6 +12,11 @@ f1,0,1.00,0.80
 f2,0,1.02,0.81
 f3,8,1.00,0.85
 """,
+    "mass_loss.csv": """specimen_id,time_min,mass_dry_before_g,mass_dry_after_g,"""
+    """mass_equilibrated_before_g,mass_equilibrated_after_g
+m1,10,0.50,0.45,0.62,0.55
+m2,30,0.51,0.40,0.64,0.47
+""",
     "shrinkage.csv": """film_id,mass_poured_g,mass_cured_g,mass_conditioned_g
 s1,30,15,10
 s2,30.1,15.2,10.1
@@ -72,6 +77,15 @@ def faults_of(folder: Path) -> tuple[Fault, ...]:
 
 
 SLIPS = {
+    "dry mass above the moist one": Slip(
+        "mass_loss.csv",
+        "0.40,0.64,0.47",
+        "0.48,0.64,0.47",
+        3,
+        "mass_dry_after_g",
+        "0.48",
+        "is not below mass_equilibrated_after_g; a sample loses mass when it dries",
+    ),
     "misspelt column": Slip(
         "tensile.csv", "stretch,", "strech,", 2, "strech", None, "did you mean 'stretch'?"
     ),
@@ -405,7 +419,7 @@ def test_unreadable_encoding_is_named(tmp_path: Path, encoding: str) -> None:
 def test_faults_of_all_files_come_together(tmp_path: Path) -> None:
     files = dict(GOOD)
     names = ("negative mass", "conditioned above cured", "misspelt column", "empty label")
-    names += ("unknown mount", "unknown quantity")
+    names += ("unknown mount", "unknown quantity", "dry mass above the moist one")
     for name in names:
         slip = SLIPS[name]
         files[slip.file] = files[slip.file].replace(slip.old, slip.new, 1)

@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 import sympy
 from hypothesis import given
@@ -12,6 +13,7 @@ from bayesdeg.data.moisture import (
     fit_saturating_course,
     mass_loss,
     mass_loss_from_degradation,
+    mass_loss_slope,
     moisture_content,
     moisture_content_dry_basis,
     saturating,
@@ -156,3 +158,51 @@ def test_rates_that_do_not_level_off_are_refused() -> None:
     one = FilmDegradation(time[:2], time[:2], identity[:2, :2], np.full(2, 3), 20.0)
     with pytest.raises(ValueError, match="fewer than two"):
         fit_saturating_course(one)
+
+
+def control(slope: float, noise: float, samples: int = 21) -> pd.DataFrame:
+    """Samples weighed before and after, whose mass loss follows Eq. 6 but for noise of weighing."""
+    generator = np.random.default_rng(5)
+    rate = np.linspace(2.0, 40.0, samples)
+    before = generator.uniform(0.4, 0.6, samples)
+    moisture = generator.uniform(20.0, 30.0, samples)
+    lost = slope * rate + noise * generator.standard_normal(samples)
+    after = before * (1.0 - lost / 100.0)
+    return pd.DataFrame(
+        {
+            "mass_dry_before_g": before,
+            "mass_dry_after_g": after,
+            "mass_equilibrated_before_g": before * (1.0 + moisture / 100.0),
+            "mass_equilibrated_after_g": after * (1.0 + moisture * (1.0 - rate / 100.0) / 100.0),
+        }
+    )
+
+
+def test_the_slope_of_eq_6_comes_back_on_the_dry_basis_alone() -> None:
+    found = mass_loss_slope(control(0.8574, 0.0))
+    assert found.dry == pytest.approx(0.8574, abs=1e-12)
+    assert found.dry_se < 1e-9
+    # a rate on the wet basis is the smaller one, so the slope is the larger
+    assert found.wet > 0.95
+    assert found.samples == 21
+
+
+def test_the_error_of_the_slope_is_that_of_least_squares() -> None:
+    table = control(0.8574, 1.5)
+    found = mass_loss_slope(table)
+    rate = np.linspace(2.0, 40.0, 21)[:, None]
+    lost = mass_loss(table["mass_dry_after_g"], table["mass_dry_before_g"])
+    (slope,), (squares,), *_ = np.linalg.lstsq(rate, lost)
+    assert found.dry == pytest.approx(slope)
+    assert found.dry_se == pytest.approx(np.sqrt(squares / 20 / np.sum(rate**2)))
+    assert abs(found.dry - 0.8574) < 3.0 * found.dry_se
+
+
+def test_a_control_in_which_nothing_changed_has_no_slope() -> None:
+    still = control(0.8574, 0.0).assign(
+        mass_dry_after_g=lambda table: table["mass_dry_before_g"],
+        mass_equilibrated_after_g=lambda table: table["mass_equilibrated_before_g"],
+    )
+    with pytest.raises(ValueError, match="no sample changed"):
+        mass_loss_slope(still)
+    assert np.isnan(mass_loss_slope(control(0.8574, 0.0, samples=1)).dry_se)

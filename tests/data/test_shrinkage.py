@@ -13,6 +13,7 @@ from bayesdeg.data.shrinkage import (
     film_volume,
     linear_scale,
     linear_scale_error,
+    mean_as_printed,
     mean_of_replicates,
     mean_over_films,
     recipe_error,
@@ -158,3 +159,16 @@ def test_a_scale_common_to_all_parts_or_all_densities_changes_nothing() -> None:
 def test_a_film_as_light_as_its_solids_has_an_error_too() -> None:
     dry = (np.array([11.0]), np.array([6.0]), np.array([3.0]))
     assert 0.0 < recipe_error(dry, RECIPE) < 0.1
+
+
+def test_eqs_15_to_17_as_printed_are_averaged_over_films() -> None:
+    each = []
+    for poured, cured, conditioned in zip(*FILMS, strict=True):
+        gelatin, glycerol = 2.0 / 11.0 * poured, 1.0 / 11.0 * poured
+        water = cured - gelatin - glycerol
+        density = (gelatin * 1.35 + glycerol * 1.26 + water * 1.0) / cured
+        each.append(1.0 + (conditioned - cured) / 1.0 * density / cured)
+    found = mean_as_printed(FILMS, MixtureRecipe())
+    assert found.value == pytest.approx(np.mean(each))
+    assert found.standard_error == pytest.approx(np.std(each, ddof=1) / np.sqrt(len(each)))
+    assert found.value < mean_over_films(FILMS, MixtureRecipe())[0].value

@@ -172,6 +172,24 @@ def test_published_values_stand_beside_those_of_the_posterior(study, model):
     assert rows["young_modulus"]["source"] == "the paper"
 
 
+CONTROL = (
+    "specimen_id,time_min,mass_dry_before_g,mass_dry_after_g,mass_equilibrated_before_g,"
+    "mass_equilibrated_after_g\nb1,10,0.60,0.45,0.75,0.54\n"
+)
+
+
+def test_what_is_measured_has_both_ways_to_the_volume_ratio_and_the_control(tmp_path):
+    rows = writing.measured(study_in(tmp_path, {"mass_loss.csv": CONTROL})).set_index("quantity")
+    both = rows.loc[["volume_ratio", "volume ratio by Eqs 15 and 16"]]
+    assert both["n"].to_list()[1] == 4.0
+    assert both["value"].diff().iloc[1] == pytest.approx(-0.008, abs=0.004)
+    slopes = rows[rows["rests_on"].str.startswith("mass_loss.csv")]
+    dry, wet = slopes["value"]
+    assert dry == pytest.approx(25.0 / 20.0)
+    assert wet == pytest.approx(25.0 / (100.0 * (1.0 - (0.09 / 0.54) / 0.2)))
+    assert "0.8574" in slopes["rests_on"].iloc[0]
+
+
 def published(study, use):
     found = bases(study, assemble(study).model)
     return {q for basis in found if basis.use == use for q in basis.quantities}

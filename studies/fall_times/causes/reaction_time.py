@@ -1,9 +1,17 @@
 """A watch that is stopped later, or earlier, than it was started."""
 
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
 import bayesdeg as bd
 
+type Floats = NDArray[np.float64]
+type Values = Mapping[str, Floats]
 
-def late(time, recorded, effect):
+
+def late(time: Floats, recorded: Values, effect: Values) -> Floats:
     """Add the delay [s] to what is read."""
     return time + effect["delay"]
 

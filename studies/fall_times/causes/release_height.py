@@ -1,9 +1,16 @@
 """A ball that falls from higher, or lower, than recorded."""
 
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
 import bayesdeg as bd
 
+type Values = Mapping[str, NDArray[np.float64]]
 
-def higher(x, recorded, effect):
+
+def higher(x: Values, recorded: Values, effect: Values) -> Values:
     """Change the height [m] that the function is asked."""
     return {**x, "height_m": x["height_m"] + effect["error"]}
 
