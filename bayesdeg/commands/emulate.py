@@ -8,7 +8,7 @@ import typer
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.commands import training
-from bayesdeg.console import errors
+from bayesdeg.console import output
 from bayesdeg.data.settings import FILE, Settings, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
@@ -40,8 +40,7 @@ def emulate(
     with workplace(workers, scheduler) as executor:
         campaign = Campaign(actuator, training.RECIPE, SolutionStore(store), executor, timeout)
         training.train(campaign, path, training.Manner(yes=yes, quiet=quiet))
-    if not quiet:
-        errors.print(f"wrote {path}", soft_wrap=True)
+    output().print(f"wrote {path}", soft_wrap=True)
 
 
 def _refuse_uncertain(settings: Settings) -> None:

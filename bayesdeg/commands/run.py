@@ -5,10 +5,11 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from rich.console import Console
 from rich.text import Text
 
 from bayesdeg.commands.training import Manner, emulator_for
-from bayesdeg.console import errors, say, shown
+from bayesdeg.console import errors, output, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
@@ -67,8 +68,10 @@ def run(
             document = work(checked, folder, checkpoints, progress=progress)
             progress.stage("report")
             document, page = add_page(folder, document, guard)
+    if not (quiet and as_json):
+        printed = errors if as_json else output()
+        _say_verdict(document, page, printed, virtual=checked.settings.virtual)
     if not quiet:
-        _say_verdict(document, page, virtual=checked.settings.virtual)
         say(f"in doubt: {why}" for why in doubts_of(document))
         _say_left_out(guard, target)
     if as_json:
@@ -93,14 +96,16 @@ def _say_left_out(guard: Guard, target: Path) -> None:
     errors.print(f"what happened: {target / LEFT_OUT}", soft_wrap=True)
 
 
-def _say_verdict(verdict: VerdictRecord, page: Path | None, *, virtual: bool) -> None:
+def _say_verdict(
+    verdict: VerdictRecord, page: Path | None, printed: Console, *, virtual: bool
+) -> None:
     label = "virtual experiment: " if virtual else ""
     names = ", ".join(verdict.causes)
     outcome = (f"{label}{verdict.outcome}", "bold")
-    errors.print(Text.assemble("\n", outcome, f": {names}" if names else ""))
+    printed.print(Text.assemble(outcome, f": {names}" if names else ""))
     sets = sets_of(verdict)
     if sets:
-        errors.print(f"sets of causes that may be right: {sets}", soft_wrap=True)
-    errors.print(verdict.explanation)
+        printed.print(f"sets of causes that may be right: {sets}", soft_wrap=True)
+    printed.print(verdict.explanation)
     if page is not None:
-        errors.print(f"\nreport: {page}", soft_wrap=True)
+        printed.print(f"report: {page}", soft_wrap=True)
