@@ -13,6 +13,7 @@ from bayesdeg.console import errors, output, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
+from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.pipeline.assemble import assemble
@@ -69,8 +70,7 @@ def run(
             progress.stage("report")
             document, page = add_page(folder, document, guard)
     if not (quiet and as_json):
-        printed = errors if as_json else output()
-        _say_verdict(document, page, printed, virtual=checked.settings.virtual)
+        _say_verdict(document, page, errors if as_json else output(), checked.settings)
     if not quiet:
         say(f"in doubt: {why}" for why in doubts_of(document))
         _say_left_out(guard, target)
@@ -97,9 +97,9 @@ def _say_left_out(guard: Guard, target: Path) -> None:
 
 
 def _say_verdict(
-    verdict: VerdictRecord, page: Path | None, printed: Console, *, virtual: bool
+    verdict: VerdictRecord, page: Path | None, printed: Console, settings: Settings
 ) -> None:
-    label = "virtual experiment: " if virtual else ""
+    label = "virtual experiment: " if settings.virtual else ""
     names = ", ".join(verdict.causes)
     outcome = (f"{label}{verdict.outcome}", "bold")
     printed.print(Text.assemble(outcome, f": {names}" if names else ""))
