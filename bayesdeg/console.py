@@ -1,4 +1,7 @@
-"""Messages and progress on standard error: bars on a terminal, plain lines in a file."""
+"""Results on standard output; messages and progress on standard error.
+
+Progress is bars on a terminal, plain lines in a file.
+"""
 
 import importlib.util
 import time
@@ -11,6 +14,7 @@ from rich.table import Column
 
 from bayesdeg.pipeline.progress import Silent
 
+WIDTH = 120  # of what is not printed to a terminal
 LINE_EVERY = 30.0  # of a stage that goes on [s]: a log of an hour keeps to a hundred lines
 
 
@@ -32,10 +36,16 @@ def console(*, stderr: bool = False, width: int | None = None) -> Console:
 errors = console(stderr=True)
 
 
-def say(messages: Iterable[str]) -> None:
-    """Print messages to standard error."""
+def output() -> Console:
+    """Return standard output, wide enough for a table where it is no terminal."""
+    printed = console()
+    return printed if printed.is_terminal else console(width=WIDTH)
+
+
+def say(messages: Iterable[str], printed: Console = errors) -> None:
+    """Print messages, by default to standard error."""
     for message in messages:
-        errors.print(message, style="yellow", soft_wrap=True)
+        printed.print(message, style="yellow", soft_wrap=True)
 
 
 class Bars:

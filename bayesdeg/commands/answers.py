@@ -11,11 +11,10 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 from pydantic import Field
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.console import console, say
+from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pipeline import forecast
@@ -29,7 +28,6 @@ from bayesdeg.report.wording import number
 Floats = NDArray[np.float64]
 
 MOST_ROWS = 5000
-WIDTH = 120  # of what is not printed to a terminal
 
 
 def stored_run(
@@ -315,12 +313,6 @@ def empty_table(stored: Recorded, headings: Sequence[str], addition: str = "") -
     for heading in headings:
         table.add_column(Text(heading), justify="right", no_wrap=True)
     return table
-
-
-def output() -> Console:
-    """Return standard output, wide enough for a table where it is no terminal."""
-    printed = console()
-    return printed if printed.is_terminal else console(width=WIDTH)
 
 
 def show_rows(stored: Recorded, table: pd.DataFrame, units: Mapping[str, str]) -> None:

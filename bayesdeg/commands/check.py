@@ -12,7 +12,7 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.section import across, described, section
 from bayesdeg.commands.options import CORES
-from bayesdeg.console import errors, say, shown
+from bayesdeg.console import output, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.moisture import MASS_LOSS_SLOPE, mass_loss_slope
@@ -33,8 +33,8 @@ def check(study: Path) -> None:
     """Do what `interface.check` says."""
     with shown(False) as progress:
         checked = read_study(study, progress)
-    say(messages(checked.photographs))
-    say(captured_messages(checked.captured))
+    say(messages(checked.photographs), output())
+    say(captured_messages(checked.captured), output())
     if checked.settings.forward is not None:
         _check_own(checked)
         return
@@ -46,25 +46,25 @@ def check(study: Path) -> None:
         table.add_column(heading, justify="right" if heading == "rows" else "left")
     for name, rows, read in _tables(checked):
         table.add_row(name, "–" if rows is None else str(rows), read)
-    errors.print(table)
-    say(f"in doubt: {doubt}" for doubt in unlikely)
-    say(f"not used: {rows}" for rows in unused(checked))
+    output().print(table)
+    say((f"in doubt: {doubt}" for doubt in unlikely), output())
+    say((f"not used: {rows}" for rows in unused(checked)), output())
     for what, cost in plan.missing:
-        errors.print(f"without {what}: {cost}", soft_wrap=True)
+        output().print(f"without {what}: {cost}", soft_wrap=True)
     for line in (*_shrinkage(checked), *_mass_loss(checked)):
-        errors.print(line, soft_wrap=True)
+        output().print(line, soft_wrap=True)
     if plan.has_actuators:
         _say_how_read(checked)
         geometry = geometry_of_study(checked.settings)
-        errors.print(described(geometry), soft_wrap=True, markup=False, highlight=False)
+        output().print(described(geometry), soft_wrap=True, markup=False, highlight=False)
         drawings = [section(geometry)]
         if geometry.dimensions.kind == "cylindrical":  # along it all sections look alike
             drawings += ["", across(geometry)]
         for drawing in drawings:
-            errors.print(drawing, soft_wrap=True, markup=False, highlight=False)
-        say(map(_said, checked.settings.uncertain))
+            output().print(drawing, soft_wrap=True, markup=False, highlight=False)
+        say(map(_said, checked.settings.uncertain), output())
         if isinstance(mould := geometry.dimensions, MeshDimensions):
-            say(filter(None, [mould.assumption]))
+            say(filter(None, [mould.assumption]), output())
         _say_how_long(geometry, checked.settings.uncertain)
 
 
@@ -117,7 +117,7 @@ def _say_how_long(geometry: Moulded, uncertain: tuple[UncertainDimension, ...]) 
         alone=found.source is not None,
     )
     reason = found.reason if found.source is None else f"{uncertain[0].name} is a prior"
-    errors.print(
+    output().print(
         f"{reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
         f"--workers {CORES}, a rough guess that it replaces by a measured time",
         soft_wrap=True,
@@ -137,14 +137,14 @@ def _say_how_read(study: Study) -> None:
     """Say by which operator curvatures are read, and of what."""
     operator = study.settings.operator
     if study.line_points is not None and study.actuator is not None:
-        errors.print(
+        output().print(
             f"{len(study.actuator)} lines: curvature and bend angle are read of "
             f"{study.line_points} even points each, as {operator or 'angle_over_arc'}, and so is "
             "the model's own line",
             soft_wrap=True,
         )
     elif operator is None:
-        errors.print(
+        output().print(
             "study.toml does not state [reading] operator: curvatures are taken for "
             "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line reads "
             "up to a fifth more, which looks like shrinkage_reading",
@@ -170,10 +170,10 @@ def _check_own(study: Study) -> None:
     table.add_row("function", own.source)
     table.add_row("parameters", ", ".join(found.model.table.names))
     table.add_row("causes", ", ".join(cause.name for cause in found.candidates) or "none")
-    errors.print(table)
-    say(f"in doubt: {doubt}" for doubt in names_alike(study))
+    output().print(table)
+    say((f"in doubt: {doubt}" for doubt in names_alike(study)), output())
     for what, cost in found.missing:
-        errors.print(f"without {what}: {cost}", soft_wrap=True)
+        output().print(f"without {what}: {cost}", soft_wrap=True)
 
 
 def _tables(study: Study) -> Iterator[tuple[str, int | None, str]]:

@@ -9,7 +9,7 @@ import typer
 from bayesdeg import training
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import Backend
-from bayesdeg.console import errors
+from bayesdeg.console import output
 from bayesdeg.data.settings import FILE, Settings, parse_settings
 from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
@@ -43,8 +43,7 @@ def emulate(
     with workplace(workers, scheduler) as executor:
         campaign = Campaign(actuator, manner.recipe, SolutionStore(store), executor, timeout)
         training.train(campaign, path, manner)
-    if not quiet:
-        errors.print(f"wrote {path}", soft_wrap=True)
+    output().print(f"wrote {path}", soft_wrap=True)
 
 
 def _refuse_uncertain(settings: Settings) -> None:

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from bayesdeg.console import errors
+from bayesdeg.console import errors, output
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import reason
 
@@ -13,7 +13,7 @@ STARTER = Path(__file__).with_name("starter")
 def init(folder: Path) -> None:
     """Do what `interface.init` says."""
     write_starter(folder)
-    errors.print(f"wrote a study to {folder}, with data of a virtual experiment", soft_wrap=True)
+    output().print(f"wrote a study to {folder}, with data of a virtual experiment", soft_wrap=True)
     for does, command in (
         ("check it", f"bayesdeg check {folder}"),
         ("run it", f"bayesdeg run {folder} --effort quick"),

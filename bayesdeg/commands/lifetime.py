@@ -11,13 +11,12 @@ from bayesdeg.commands.answers import (
     delivered,
     empty_table,
     numbers,
-    output,
     refuse_risk,
     refuse_too_many,
     seed_of,
     stored_run,
 )
-from bayesdeg.console import shown
+from bayesdeg.console import output, shown
 from bayesdeg.pipeline import forecast
 from bayesdeg.pipeline.forecast import StoredRun
 from bayesdeg.pipeline.lifetime import (

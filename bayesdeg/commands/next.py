@@ -9,8 +9,7 @@ from pydantic import Field
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.commands.answers import output
-from bayesdeg.console import say
+from bayesdeg.console import output, say
 from bayesdeg.criticism.experiments.ranking import LEAST
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError

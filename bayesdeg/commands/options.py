@@ -25,7 +25,11 @@ Seed = Annotated[
 ]
 Workers = Annotated[
     int,
-    typer.Option(help="Processes on this machine; the results do not depend on it.", min=1),
+    typer.Option(
+        help="Processes on this machine, at most one for each core; the results do not depend on "
+        "it.",
+        min=1,
+    ),
 ]
 Scheduler = Annotated[
     str | None,

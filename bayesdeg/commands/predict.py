@@ -15,13 +15,12 @@ from bayesdeg.commands.answers import (
     levels_of,
     needed,
     numbers,
-    output,
     refuse_others,
     refuse_too_many,
     seed_of,
     stored_run,
 )
-from bayesdeg.console import shown
+from bayesdeg.console import output, shown
 from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.forecast import StoredRun
 from bayesdeg.pipeline.output import output_file

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bayesdeg.console import errors
+from bayesdeg.console import errors, output
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.page import build_page
 
@@ -10,6 +10,6 @@ from bayesdeg.report.page import build_page
 def report(folder: Path) -> None:
     """Do what `interface.report` says."""
     guard = Guard()
-    errors.print(f"wrote {build_page(folder, guard)}", soft_wrap=True)
+    output().print(f"wrote {build_page(folder, guard)}", soft_wrap=True)
     for one in guard.left_out:
         errors.print(f"left out: {one.stage}: {one.why}", soft_wrap=True)

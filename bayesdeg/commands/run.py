@@ -6,13 +6,15 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from rich.console import Console
 from rich.text import Text
 
 from bayesdeg.actuator.status import Backend
-from bayesdeg.console import errors, say, shown
+from bayesdeg.console import errors, output, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import Doubt, doubts, names_alike, refuse_impossible
+from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.pipeline.assemble import assemble
@@ -70,8 +72,9 @@ def run(
             document = work(checked, folder, checkpoints, progress=progress)
             progress.stage("report")
             document, page = add_page(folder, document, guard)
+    if not (quiet and as_json):
+        _say_verdict(document, page, errors if as_json else output(), checked.settings)
     if not quiet:
-        _say_verdict(document, page, virtual=checked.settings.virtual)
         say(_notices(document, target))
         _say_left_out(guard, target)
     if as_json:
@@ -107,14 +110,16 @@ def _say_left_out(guard: Guard, target: Path) -> None:
     errors.print(f"what happened: {target / LEFT_OUT}", soft_wrap=True)
 
 
-def _say_verdict(verdict: VerdictRecord, page: Path | None, *, virtual: bool) -> None:
-    label = "virtual experiment: " if virtual else ""
+def _say_verdict(
+    verdict: VerdictRecord, page: Path | None, printed: Console, settings: Settings
+) -> None:
+    label = "virtual experiment: " if settings.virtual else ""
     names = ", ".join(verdict.causes)
     outcome = (f"{label}{verdict.outcome}", "bold")
-    errors.print(Text.assemble("\n", outcome, f": {names}" if names else ""))
+    printed.print(Text.assemble(outcome, f": {names}" if names else ""))
     sets = sets_of(verdict)
     if sets:
-        errors.print(f"sets of causes that may be right: {sets}", soft_wrap=True)
-    errors.print(verdict.explanation)
+        printed.print(f"sets of causes that may be right: {sets}", soft_wrap=True)
+    printed.print(verdict.explanation)
     if page is not None:
-        errors.print(f"\nreport: {page}", soft_wrap=True)
+        printed.print(f"report: {page}", soft_wrap=True)

@@ -9,9 +9,9 @@ from pydantic import Field
 from rich.table import Table
 from rich.text import Text
 
-from bayesdeg.commands.answers import output, write_csv
+from bayesdeg.commands.answers import write_csv
 from bayesdeg.commands.options import MATRIX, PICTURE, SCORE
-from bayesdeg.console import say
+from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import RUN_MB, STUDY_MB, parse_json, read_bytes, reason, write_text

@@ -11,7 +11,7 @@ from bayesdeg.actuator.families import geometry_of_study, with_dimensions
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
-from bayesdeg.console import errors, say, shown
+from bayesdeg.console import output, say, shown
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
@@ -77,7 +77,7 @@ def simulate(
         for name in set(VIRTUAL_FILES) - set(made):  # of an experiment that was here before
             (out / name).unlink(missing_ok=True)
         _copy_mesh(template, out)
-    errors.print(f"wrote a virtual experiment to {out}", soft_wrap=True)
+    output().print(f"wrote a virtual experiment to {out}", soft_wrap=True)
 
 
 def _filed(template: Study, made: VirtualExperiment) -> VirtualExperiment:

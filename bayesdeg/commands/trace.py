@@ -19,7 +19,7 @@ from bayesdeg.commands.trace_folder import (
     write_traces,
 )
 from bayesdeg.commands.trace_page import serve
-from bayesdeg.console import errors
+from bayesdeg.console import errors, output
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
@@ -103,7 +103,7 @@ def _report(found: Sequence[TracedPhotograph]) -> None:
         for doubt in one.not_sure:
             errors.print(f"{one.file}: not sure: {doubt}", soft_wrap=True, markup=False)
     wrong = [f"{one.file}: {one.refused}" for one in found if one.refused]
-    errors.print(f"{len(found) - len(wrong)} of {len(found)} photographs traced", soft_wrap=True)
+    output().print(f"{len(found) - len(wrong)} of {len(found)} photographs traced", soft_wrap=True)
     if wrong:
         raise BayesdegError("\n".join(wrong))
 

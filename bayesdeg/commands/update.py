@@ -9,8 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayesdeg import api
-from bayesdeg.commands.answers import output
-from bayesdeg.console import say
+from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.records import FileRecord, Names, Scalar
 from bayesdeg.report.folder import RunFolder

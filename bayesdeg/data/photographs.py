@@ -39,6 +39,11 @@ class TracedPhotograph(FileRecord):
     )
     bend_angle_deg: float = Field(default=0.0, description="towards the paper [deg]")
     bend_angle_error_deg: float = Field(default=0.0, description="its standard error [deg]")
+    bent_ends: float = Field(
+        default=0.0,
+        description="probability that the line bends up to its ends: from 0.5 on its angle is that "
+        "between its end tangents, else that between straight lines through stiff ends",
+    )
     curvature_per_m: float = Field(default=0.0, description="angle over length [1/m]")
     curvature_error_per_m: float = Field(default=0.0, description="its standard error [1/m]")
     length_mm: float = Field(default=0.0, description="of the line [mm]")

@@ -102,7 +102,8 @@ class WorkerProcesses(Executor):
     Parameters
     ----------
     workers : int
-        Number of processes.
+        Number of processes; no more than cores are started, since more are no faster and take
+        some 90 MB each.
     import_main : bool
         Whether they import the program that opens them, as what it defines itself needs. A script
         without ``if __name__ == "__main__"`` would start itself again in each of them.
@@ -111,7 +112,7 @@ class WorkerProcesses(Executor):
     fatal: tuple[type[BaseException], ...] = ()
 
     def __init__(self, workers: int, *, import_main: bool = True) -> None:
-        self._workers, self._import_main = workers, import_main
+        self._workers, self._import_main = min(workers, _cores()), import_main
         self._pool = self._open()
 
     @property
@@ -141,6 +142,13 @@ class WorkerProcesses(Executor):
     def _open(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self._workers, mp_context=context, initializer=end_with_parent)
+
+
+def _cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @contextmanager

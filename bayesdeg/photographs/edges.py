@@ -111,6 +111,7 @@ def find_edge(image: Colours, body: Silhouette, marks: Marks | None = None) -> E
         skin = max(skin, MARKED * marks.diameter)
     for reach in REACHES:
         line, ends, goes_on = _to_ends(image, line, body.thickness, skin)
+        _refuse_small(len_of(line), body.thickness)
         shown = None if marks is None else marks.within(line)
         edge = _read(image, line, reach * body.thickness, shown)
         line = _straight_ends(edge)
@@ -226,14 +227,19 @@ def _to_ends(
     return _at(line, moved)[0], np.array(ends), goes_on
 
 
+def _refuse_small(length: float, thickness: float) -> None:
+    """Refuse a body that is too short, or too thin for the shortest profiles across its edge."""
+    larger = max(LEAST_LENGTH / length, LEAST_REACH / (REACHES[-1] * thickness))
+    if larger > 1.0:
+        raise BayesdegError(
+            f"the body found is too small to read an edge: {length:.0f} pixels long and "
+            f"{thickness:.0f} thick; take the photograph {larger:.2g} times as near, so that its "
+            f"line has {np.ceil(larger * length):.0f} pixels, or show the line with --hint"
+        )
+
+
 def _read(image: Colours, line: Floats, reach: float, marks: Marks | None) -> Edge:
     length = len_of(line)
-    if length < LEAST_LENGTH or reach < LEAST_REACH:
-        raise BayesdegError(
-            f"the line found is {length:.0f} pixels long, of a body too small to read an edge on; "
-            f"take the photograph nearer, so that the line has {LEAST_LENGTH:.0f} pixels and more, "
-            "or show it with --hint"
-        )
     arc = np.arange(CORNER, length - CORNER, 1.0)
     points, normals = _at(line, arc)
     off = np.arange(-2.0 * reach, reach + 0.25, 0.5)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.photographs import Places, TracedPhotograph
 from bayesdeg.photographs.picture import Colours
 from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.trace import BY_HAND, Trace, angle_and_length, into_frame
+from bayesdeg.photographs.trace import BY_HAND, Trace, angle_and_length, into_frame, with_bent_ends
 
 Floats = NDArray[np.float64]
 
@@ -55,6 +55,7 @@ def recorded(name: str, content: bytes, image: Colours, found: Trace) -> TracedP
         to_mm=found.to_mm.tolist(),
         bend_angle_deg=round(found.angle, 4),
         bend_angle_error_deg=round(found.angle_error, 4),
+        bent_ends=round(found.bent_ends, 4),
         curvature_per_m=round(found.curvature, 5),
         curvature_error_per_m=round(found.curvature_error, 5),
         length_mm=round(found.length, 4),
@@ -93,6 +94,7 @@ def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
     motion = into_frame(points)
     points = mapped(motion, points)
     angle, length = angle_and_length(points)
+    angle = with_bent_ends(angle, photograph.bent_ends)
     per_pixel = _per_pixel(to_mm, pixels)[:, None]
     errors = np.where(moved[:, None], BY_HAND * per_pixel, np.array(photograph.errors))
     added = _angle_error(points, np.where(moved[:, None], errors, 0.0))
@@ -180,7 +182,7 @@ def pixel_rows(photograph: TracedPhotograph) -> pd.DataFrame:
 def trace_rows(photographs: Sequence[TracedPhotograph]) -> pd.DataFrame:
     """Return a row a photograph: what was read of it, or why nothing was."""
     read = (
-        *("bend_angle_deg", "bend_angle_error_deg"),
+        *("bend_angle_deg", "bend_angle_error_deg", "bent_ends"),
         *("curvature_per_m", "curvature_error_per_m", "length_mm"),
     )
     return pd.DataFrame(

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.special import expit, logit
 
 from bayesdeg.data.settings import FEWEST_POINTS
 from bayesdeg.errors import BayesdegError
@@ -38,6 +39,11 @@ MOST_ANGLE_ERROR = 1.2
 SEEN = 0.8
 #: Least share of the stiff ends on which the edge is seen: the bend angle is read there.
 ENDS_SEEN = 0.7
+#: Probability before it is traced that a line bends up to its ends, as a strip without end walls.
+BENT_BEFORE = 0.2
+#: Ends whose curvature is no more than this share of that between them are stiff: 0.1 of the finite
+#: element model, 0.5 of a line that is straight on `STIFF` and a circle between, 1 of a circle.
+STIFF_SHARE = 0.5
 #: Error of a point that a person set, along and across the line [px].
 BY_HAND = 1.5
 SAME_POINT = 1e-3  # px: far below what a hand can set, far above rounding
@@ -87,6 +93,9 @@ class Trace:
         Where an edge was read; elsewhere points lie between their neighbours.
     angle, angle_error : float
         Of the free end against the clamped one, towards the paper [deg].
+    bent_ends : float
+        Probability that the line bends up to its ends. From 0.5 on the angle is that of such a
+        line, else that of straight ends; the error holds the other.
     curvature, curvature_error : float
         Angle over length [1/m].
     length : float
@@ -105,6 +114,7 @@ class Trace:
     seen: NDArray[np.bool_]
     angle: float
     angle_error: float
+    bent_ends: float
     curvature: float
     curvature_error: float
     length: float
@@ -140,6 +150,63 @@ def angle_and_length(points: Floats) -> tuple[float, float]:
     turned = heading[-1] - heading[0]
     angle = last - first
     return float(angle + 2.0 * np.pi * np.round((turned - angle) / (2.0 * np.pi))), float(arc[-1])
+
+
+def with_bent_ends(angle: float, bent: float) -> float:
+    """Return the bend angle of a line that more probably bends up to its ends; else the same.
+
+    The straight lines through its ends have the directions of their middles, so that they miss the
+    turn of half an end at either side.
+
+    Parameters
+    ----------
+    angle : float
+        By straight lines through the ends.
+    bent : float
+        Probability that the line bends up to its ends.
+
+    Examples
+    --------
+    >>> with_bent_ends(0.945, 0.9), with_bent_ends(0.945, 0.1)
+    (1.0, 0.945)
+    """
+    return angle / (1.0 - STIFF) if bent >= 0.5 else angle
+
+
+def ends_curvature(points: Floats) -> float:
+    """Return the mean curvature of both ends of a line, twice as long as they are if stiff."""
+    arc = arc_of(points)
+    reach = max(2.0 * STIFF * arc[-1], float(arc[3]), float(arc[-1] - arc[-4]))
+    found = []
+    for end in (points[arc <= reach], points[arc >= arc[-1] - reach]):
+        turn = _direction(end)
+        centred = end - end.mean(axis=0)
+        ahead = centred @ np.array([np.cos(turn), np.sin(turn)])
+        left = centred @ np.array([-np.sin(turn), np.cos(turn)])
+        found.append(2.0 * np.polyfit(ahead, left, 2)[0])
+    return float(np.mean(found))
+
+
+def bent_to_ends(at_ends: float, between: float, sd: float) -> float:
+    """Return the probability that a line bends up to its ends, from curvatures.
+
+    Parameters
+    ----------
+    at_ends, between : float
+        Of the ends, and of the line.
+    sd : float
+        Standard error of that of the ends.
+
+    Examples
+    --------
+    >>> [round(bent_to_ends(ends, 1.0, 0.1), 2) for ends in (0.1, 0.5, 0.75, 1.0)]
+    [0.0, 0.0, 0.2, 1.0]
+    >>> round(bent_to_ends(0.3, 1.0, 10.0), 1)  # as before: nothing is seen
+    0.2
+    """
+    stiff = np.clip(at_ends / between, 0.0, STIFF_SHARE) * between if between else 0.0
+    odds = ((at_ends - stiff) ** 2 - (at_ends - between) ** 2) / (2.0 * sd**2)
+    return float(expit(odds + logit(BENT_BEFORE)))
 
 
 def _direction(points: Floats) -> float:
@@ -269,8 +336,13 @@ def measured(
     if scale.length is not None:
         _refuse_length(length, scale.length)
     spread = np.std(draws, axis=0)
-    curvature_error = float(np.std(draws[:, 0] / draws[:, 1]))
-    _refuse_bend(np.degrees(angle), np.degrees(spread[0]), by_hand=reverse is not None)
+    between = angle / ((1.0 - STIFF) * length)
+    bent = bent_to_ends(ends_curvature(plane.placed(edge.points)), between, spread[2])
+    other = np.sqrt(min(bent, 1.0 - bent)) * (angle / (1.0 - STIFF) - angle)
+    angle, read = with_bent_ends(angle, bent), with_bent_ends(1.0, bent)
+    angle_error = float(np.degrees(np.hypot(read * spread[0], other)))
+    curvature_error = float(np.hypot(read * np.std(draws[:, 0] / draws[:, 1]), other / length))
+    _refuse_bend(np.degrees(angle), angle_error, by_hand=reverse is not None)
     doubts: tuple[str, ...] = ()
     if reverse is None:
         reverse, doubts = _order(edge, base)
@@ -282,7 +354,8 @@ def measured(
         edge.points[order],
         edge.seen[order],
         float(np.degrees(angle)),
-        float(np.degrees(spread[0])),
+        angle_error,
+        bent,
         1e3 * angle / length,
         1e3 * curvature_error,
         length,
@@ -343,15 +416,18 @@ def _refuse_length(found: float, stated: float) -> None:
         )
 
 
-def _reading(homography: Floats, edge: Edge, rng: np.random.Generator) -> tuple[float, float]:
-    """Return angle and length of a draw of the points in a draw of the plane."""
+def _reading(
+    homography: Floats, edge: Edge, rng: np.random.Generator
+) -> tuple[float, float, float]:
+    """Return angle, length and curvature of the ends of a draw of points in one of the plane."""
     normals = _normals(edge.points)
     white = rng.normal(size=len(edge.points) + 1)
     noise = CORRELATED * (white[1:] + white[:-1]) / np.sqrt(2.0)
     moved = edge.points + (noise * edge.error)[:, None] * normals
     ahead = np.column_stack([-normals[:, 1], normals[:, 0]])
     moved[[0, -1]] += END * rng.normal(size=2)[:, None] * ahead[[0, -1]]
-    return angle_and_length(mapped(homography, moved))
+    points = mapped(homography, moved)
+    return *angle_and_length(points), ends_curvature(points)
 
 
 def _normals(points: Floats) -> Floats:

@@ -53,11 +53,11 @@ class Checks:
             found[columns.LEAVE_ONE_OUT] = self.leave_one_out.table
         return found
 
-    def sentences(self) -> dict[str, str]:
+    def sentences(self, *, degrades: bool = True) -> dict[str, str]:
         """Return what each check came to, in plain words, by the names of the tables."""
         said = {}
         if self.prior_sensitivity is not None:
-            said[columns.PRIOR_SENSITIVITY] = worded(self.prior_sensitivity)
+            said[columns.PRIOR_SENSITIVITY] = worded(self.prior_sensitivity, degrades=degrades)
         if self.prior_predictive is not None:
             said[columns.PRIOR_PREDICTIVE] = worded(self.prior_predictive)
         if self.leave_one_out is not None:

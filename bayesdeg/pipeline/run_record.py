@@ -250,7 +250,7 @@ def run_document(
         counts=draw_counts(results) | _proposal_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
-        convergence=_convergence(results),
+        convergence=_convergence(results, degrades=own is not None or study.degrades),
         emulator=emulator_entry(results, guard),
         model=None if own else _model_of(results, study),
         forward=own.source if own else "",
@@ -274,7 +274,7 @@ def library_versions() -> dict[str, str]:
 
 def _checks(study: Study, results: Results) -> dict[str, str]:
     """Return what checks, films and a vendor's figures came to, in plain words."""
-    said = {} if results.checks is None else results.checks.sentences()
+    said = {} if results.checks is None else results.checks.sentences(degrades=study.degrades)
     absorbed = None if results.judgement is None else results.judgement.absorbed
     if absorbed is not None:
         said["absorption"] = worded(absorbed, degrades=study.degrades)
@@ -320,12 +320,12 @@ def _outside(fit: Fit) -> float:
     return share_outside(fit.model, fit.chain.spread(LOOKED_AT))
 
 
-def _convergence(results: Results) -> dict[str, ConvergenceEntry]:
+def _convergence(results: Results, *, degrades: bool) -> dict[str, ConvergenceEntry]:
     return {
         label: ConvergenceEntry(
             r_hat_max=max(fit.diagnosis.r_hat),
             ess_min=min(fit.diagnosis.ess_bulk),
-            sentence=worded(fit.diagnosis),
+            sentence=worded(fit.diagnosis, degrades=degrades),
             usable=bool(fit.diagnosis.usable),
         )
         for label, fit in results.sampled.items()

@@ -459,6 +459,7 @@ def decisions(
     for name, fit in fits.items():
         specimens = draw_specimens(fit.model, fit.chain, generator, draws=DRAWS)
         first = fit.model.largest_pressure
+        checks = fewest_checks(specimens_tested(fit.model), DRAWS)
         for level, wanted in _wanted(data):
             ceiling = experience.ceiling(level)
             allowed = largest_allowed(specimens, level, RISK, first=first, ceiling=ceiling)
@@ -473,18 +474,18 @@ def decisions(
                     "needed_q50_kPa": needed[1],
                     "needed_q95_kPa": needed[2],
                     "allowed_kPa": allowed.pressure,
-                    "probability": _probability(specimens, level, float(needed[1])),
+                    "probability": _probability(specimens, level, float(needed[1]), checks),
+                    "rupture_checks": checks,
                 }
             )
     return pd.DataFrame(rows).replace([np.inf, -np.inf], np.nan)
 
 
-def _probability(specimens: Specimens, degradation: float, pressure: float) -> float:
+def _probability(specimens: Specimens, degradation: float, pressure: float, checks: int) -> float:
     """Return the probability of rupture; nan where there is no pressure, or no limit is known."""
     if not (np.isfinite(pressure) and specimens.model.has_elongation):
         return float("nan")
     burst = respond(specimens, degradation, np.array([pressure])).burst.mean(axis=0)
-    checks = fewest_checks(specimens_tested(specimens.model), DRAWS)
     return float(not_below(burst, checks)[0])
 
 
@@ -709,8 +710,6 @@ def _loo_pit(found: TableSources) -> pd.DataFrame | None:
         fit = gain.loo_pit(one.draws[:, rows], observed[rows])
         if fit.is_available:
             known[name] = fit
-        else:
-            found.guard.note(table_stage(columns.LOO_PIT), worded(fit))
     return loo_pit_table(known) if known else None
 
 
@@ -802,7 +801,8 @@ def _criteria_table(found: TableSources) -> pd.DataFrame | None:
 HIGHER = 4.0
 """Largest pressure at which rupture is asked for, over the largest that was tested: walls of stiff
 material are nowhere near their limit below."""
-STEP = 10.0  # kPa, between pressures of tables
+STEP = 10.0  # kPa, between pressures of tables, at most
+STEPS = 10  # to the largest pressure that was tested, at least
 
 
 def _where_known(table: pd.DataFrame, tested: float) -> pd.DataFrame:
@@ -816,6 +816,23 @@ def _largest_pressure(found: TableSources) -> float:
     return 0.0 if actuator is None else float(np.max(actuator.pressure))
 
 
+def pressure_grid(tested: float, *, times: float = 1.0) -> Floats:
+    """Return even pressures up to so many times the largest tested, which is one of them [kPa].
+
+    Examples
+    --------
+    >>> pressure_grid(14.3).tolist()[-4:], pressure_grid(0.0).tolist()
+    ([12.0, 13.0, 14.0, 14.3], [0.0])
+    """
+    if tested <= 0.0:
+        return np.zeros(1)
+    widest = min(STEP, tested / STEPS)
+    round_steps = np.array([1.0, 2.0, 5.0, 10.0]) * 10.0 ** np.floor(np.log10(widest))
+    step = round_steps[round_steps <= widest].max()
+    even = step * np.arange(np.floor(times * tested / step + 1e-9) + 1.0)
+    return np.union1d(np.round(even, 9), [tested])
+
+
 def _on_grid(
     found: TableSources, predict: Callable[..., pd.DataFrame], *, times: float = 1.0
 ) -> pd.DataFrame | None:
@@ -823,7 +840,7 @@ def _on_grid(
     fit = found.results.final
     if fit.model.actuator is None:
         return None
-    pressure = np.arange(0.0, times * _largest_pressure(found) + 1e-9, STEP)
+    pressure = pressure_grid(_largest_pressure(found), times=times)
     grid = level_grid(fit.model)
     return predict(fit.model, fit.chain, found.generator, degradation=grid, pressure=pressure)
 

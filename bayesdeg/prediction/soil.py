@@ -61,7 +61,9 @@ class Level:
 
     def __str__(self) -> str:
         """Return it in words."""
-        return f"{self.rates[0]:g} %" if self.hours is None else f"{self.hours:g} h"
+        if self.hours is None:
+            return f"degraded by {self.rates[0]:g} %"
+        return f"{self.hours:g} h in the soil"
 
 
 def known_levels(degradation: Iterable[float]) -> tuple[Level, ...]:

@@ -298,7 +298,7 @@ def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     >>> question = {"parameter": "volume_ratio", "meaning": "α", "unit": "–", "median": 0.976,
     ...             "prior_low": 0.39, "prior_high": 0.85}
     >>> doubts_of(VerdictRecord.read({"outcome": "adequate", "parameters_in_question": [question]}))
-    ('volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
+    ('Volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
     """
     suspects = (one.why for one in verdict.suspects)
     asked = verdict.parameters_in_question

@@ -357,8 +357,14 @@ def meanings_of(parameters: pd.DataFrame | None) -> dict[str, str]:
 
 
 def parameter_rows(parameters: pd.DataFrame | None) -> list[ParameterRow]:
-    """Return the parameters, prior and posterior intervals on a scale of their own each."""
-    return [_parameter_row(row) for row in rows_of(parameters)]
+    """Return the parameters, prior and posterior intervals on a scale of their own each.
+
+    Those of a final model that is the base model are not repeated.
+    """
+    if parameters is None:
+        return []
+    once = ~parameters.duplicated([name for name in parameters if name != "model"])
+    return [_parameter_row(row) for row in rows_of(parameters[once])]
 
 
 def _parameter_row(row: Row) -> ParameterRow:

@@ -242,6 +242,11 @@ _TABLES = (
                 "probability of rupture at the pressure that half need, not below one in the "
                 "specimens tested",
             ),
+            Column(
+                "rupture_checks",
+                "–",
+                "specimens tested, as the model knows them: films broken and actuators loaded",
+            ),
         ),
     ),
     ResultTable(BANDS, (_DEGRADATION, _PRESSURE, *_quantiles("1/m", 5, 25, 50, 75, 95))),
@@ -539,6 +544,12 @@ _TABLES = (
             _PRESSURE,
             Column("bend_angle_deg", "deg", "bend angle that was traced; empty where none was"),
             Column("bend_angle_error_deg", "deg", "its standard error"),
+            Column(
+                "bent_ends",
+                "–",
+                "probability that the line bends up to its ends: from 0.5 on the angle is that "
+                "between end tangents, else between straight lines through stiff ends",
+            ),
             Column("curvature_per_m", "1/m", "bend angle over length of the line"),
             Column("curvature_error_per_m", "1/m", "its standard error"),
             Column("length_mm", "mm", "length of the line"),

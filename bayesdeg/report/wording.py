@@ -57,8 +57,12 @@ def number(value: float | str | None, digits: int = 3) -> str:
     --------
     >>> number(0.23749), number(-1234.56), number(2.0e-7), number(None), number("5.5 times")
     ('0.237', '−1235', '2.00e−7', '–', '5.5 times')
+    >>> number("0.5"), number("2")
+    ('0.500', '2')
     """
     if isinstance(value, str):
+        if value.isdecimal():  # a count
+            return count(float(value))
         return number(float(value), digits) if _NUMBER.fullmatch(value) else value or NOTHING
     if value is None or not math.isfinite(value):
         return NOTHING
@@ -170,6 +174,18 @@ def interval(low: str, high: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
+def ends(pair: Sequence[float], between: str = "–") -> str:
+    """Word the ends of a range, which may be one.
+
+    Examples
+    --------
+    >>> ends((20.0, 80.0)), ends((11.2, 11.4), " to "), ends((11.0, 11.0))
+    ('20–80', '11.2 to 11.4', '11')
+    """
+    low, high = (f"{end:.3g}" for end in pair)
+    return low if low == high else f"{low}{between}{high}"
+
+
 def plus_minus(value: float | None, error: float | None, *, sign: bool = False) -> str:
     """Word a number and its standard error, without decimals that the error makes meaningless.
 
@@ -232,6 +248,43 @@ def words(name: str) -> str:
     ('degraded skin', 'C2')
     """
     return _PROPER.get(name, name.replace("_", " "))
+
+
+_PARAMETER = re.compile(r"(?:(\w+)\.)?(\w+?)(?:_(at|control)_(\d+(?:_\d+)?))?")
+
+
+def parameter_words(name: str, degrades: bool = True) -> str:
+    """Word the name of a parameter, with its degradation rate where the study has several.
+
+    Examples
+    --------
+    >>> parameter_words("paper_stiffness"), parameter_words("c2_ratio_at_12_5")
+    ('paper stiffness', 'C2 ratio at 12.5 %')
+    >>> parameter_words("c1_control_7"), parameter_words("dry_embrittlement.cut")
+    ('C1, control value at 7 %', 'dry embrittlement: cut')
+    >>> parameter_words("c1_at_0", degrades=False)
+    'C1'
+    """
+    found = _PARAMETER.fullmatch(name)
+    if found is None:
+        return name
+    cause, own, kind, rate = found.groups()
+    first, *rest = own.split("_")
+    said = " ".join([_PROPER.get(first, first), *rest])
+    place = {"at": " at", "control": ", control value at"}.get(kind or "", "")
+    rate = f"{place} {rate.replace('_', '.')} %" if rate and degrades else ""
+    return f"{words(cause)}: {said}{rate}" if cause else f"{said}{rate}"
+
+
+def begun(text: str) -> str:
+    """Begin a sentence with a text.
+
+    Examples
+    --------
+    >>> begun("paper stiffness is low"), begun("C1 is high"), begun("")
+    ('Paper stiffness is low', 'C1 is high', '')
+    """
+    return text[:1].upper() + text[1:]
 
 
 def plain(text: str, names: Sequence[str]) -> str:
@@ -311,6 +364,9 @@ FILTERS: Mapping[str, Callable[..., Any]] = {
     "strength": strength,
     "unbroken": unbroken,
     "words": words,
+    "parameter": parameter_words,
+    "begun": begun,
+    "ends": ends,
     "listed": listed,
     "model": model_words,
     "level": level_words,

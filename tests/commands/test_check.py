@@ -23,9 +23,7 @@ def check(name, folder, monkeypatch, capsys, *, command="check", **changes):
     monkeypatch.setattr(sys, "argv", ["bayesdeg", command, str(made)])
     monkeypatch.chdir(folder)
     code = cli.exit_code()
-    said = capsys.readouterr()
-    assert said.out == ""
-    return code, said.err
+    return code, "".join(capsys.readouterr())
 
 
 @pytest.mark.parametrize("name", ["gelatin_actuator", "treloar", "treloar_uniaxial"])

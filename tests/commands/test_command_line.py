@@ -57,7 +57,8 @@ def test_check_lists_every_fault_and_ends_with_2(rubber):
 def test_a_sound_study_passes_the_check(rubber):
     done = bayesdeg("check", rubber, cwd=rubber.parent)
     assert done.returncode == 0
-    assert "without actuator.csv" in done.stderr
+    assert "without actuator.csv" in done.stdout
+    assert "no faults" not in done.stderr
 
 
 @pytest.mark.parametrize(

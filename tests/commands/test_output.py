@@ -238,7 +238,7 @@ def test_rows_that_are_read_as_comments_are_told(here, monkeypatch, capsys, name
     table.write_text(table.read_text().replace(f"treloar_uniaxial{row}", f"#1{row}"))
     monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "rubber"])
     cli.exit_code()
-    said = capsys.readouterr().err
+    said = "".join(capsys.readouterr())
     assert "lines of tensile.csv" in said
     assert "(1 with" in said
     assert "in quotation marks" in said

@@ -38,7 +38,7 @@ def call(monkeypatch, tmp_path, capsys):
         (study / "study.toml").write_text(SETTINGS + more, encoding="utf-8")
         monkeypatch.setattr(sys, "argv", ["bayesdeg", name, str(study), *map(str, options)])
         code = cli.exit_code()
-        return code, capsys.readouterr().err
+        return code, "".join(capsys.readouterr())
 
     return run
 

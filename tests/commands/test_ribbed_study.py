@@ -68,7 +68,7 @@ def command(monkeypatch, tmp_path, capsys):
 
     def call(name, *options):
         monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "study", *options])
-        return cli.exit_code(), capsys.readouterr().err
+        return cli.exit_code(), "".join(capsys.readouterr())
 
     call.study = study
     return call

@@ -43,7 +43,7 @@ def command(monkeypatch, tmp_path, capsys):
 
     def call(name, *options):
         monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "study", *options])
-        return cli.exit_code(), capsys.readouterr().err
+        return cli.exit_code(), "".join(capsys.readouterr())
 
     def write(text):
         study_in(study, {"study.toml": SETTINGS + text, "actuator.csv": ACTUATOR})

@@ -1,12 +1,20 @@
 """Marks along the bottom line: found where they are, and read through."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import FEWEST_KNOWN, SHARED, _through_marks, find_edge
+from bayesdeg.photographs.edges import (
+    FEWEST_KNOWN,
+    SHARED,
+    _refuse_small,
+    _through_marks,
+    find_edge,
+)
 from bayesdeg.photographs.marks import FEWEST, Marks, find_marks
 from bayesdeg.photographs.outline import Silhouette
 from bayesdeg.photographs.trace import PictureScale, angle_and_length, trace
@@ -131,8 +139,16 @@ def test_a_mark_that_touches_a_clamp_of_its_colour_is_found_where_the_end_is_kno
     assert len(found.within(line[::-1]).centres) == 9
 
 
-def test_a_line_of_few_pixels_is_refused():
+@pytest.mark.parametrize(("length", "thickness"), [(60.0, 200.0), (120.0, 10.0), (60.0, 10.0)])
+def test_a_body_of_few_pixels_is_refused_and_the_size_it_needs_is_enough(length, thickness):
     image = np.full((300, 400, 3), 200, np.uint8)
-    line = np.column_stack([np.linspace(100.0, 160.0, 60), np.full(60, 150.0)])
-    with pytest.raises(BayesdegError, match="too small"):
-        find_edge(image, Silhouette(line, 200.0))
+    line = np.column_stack([np.linspace(100.0, 100.0 + length, 60), np.full(60, 150.0)])
+    with pytest.raises(BayesdegError, match="too small") as refused:
+        find_edge(image, Silhouette(line, thickness))
+    found, needed = (
+        float(re.search(f"{words} ([0-9]+) pixels", str(refused.value))[1])
+        for words in ("edge:", "has")
+    )
+    assert needed > found
+    larger = 1.01 * needed / found  # both are printed as whole pixels
+    _refuse_small(larger * found, larger * thickness)

@@ -227,7 +227,7 @@ def test_check_says_what_was_read(tmp_path, capsys):
     points[0, 0] = np.nan
     write_c3d(folder / "captures" / "p40.c3d", points, names())
     check(folder)
-    said = " ".join(capsys.readouterr().err.split())
+    said = " ".join(capsys.readouterr().out.split())
     assert "1 of 40 frames" in said
     assert "captures.csv" in said
 

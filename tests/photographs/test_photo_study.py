@@ -164,7 +164,7 @@ def test_nothing_is_kept_where_that_is_in_the_study(folder, monkeypatch):
 
 def test_check_names_what_it_leaves_out(folder, capsys):
     check(folder)
-    said = capsys.readouterr().err
+    said = capsys.readouterr().out
     assert "nothing.jpg" in said
     assert "photos.csv" in said
 

@@ -253,6 +253,32 @@ def test_a_real_experiment_is_not_marked_as_virtual(built):
     assert "virtual experiment" not in read_html(built("ambiguous")[1]).all("body")[0].text.lower()
 
 
+def test_the_note_of_a_real_study_is_on_the_page(tmp_path):
+    folder = write_full(tmp_path, "ambiguous")
+    folder.write_json("run", folder.read_json("run") | {"note": "Read by hand at 24 °C."})
+    page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
+    (note,) = [e for e in page.every() if e.attributes.get("aria-label") == "Note"]
+    assert note.text.split()[0] == "Note"
+    assert "Read by hand" in note.text
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"), [(("paper_stiffness",), True), (("c1_at_0",), False)]
+)
+def test_a_layer_is_spoken_of_where_there_is_one(tmp_path, parameters, said):
+    folder = write_full(tmp_path, "ambiguous")
+    folder.write_json("run", folder.read_json("run") | {"model": {"parameters": parameters}})
+    page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
+    assert ("stiff layer" in page.by_id("methods").text) == said
+
+
+def test_an_optional_check_that_could_not_be_made_is_said_where_it_would_be(built):
+    """It is no fault of the run: nothing of it stands at the top."""
+    page = read_html(built("named")[1])
+    assert "predictive draws" in page.by_id("gain").text
+    assert "predictive draws" not in page.by_id("verdict").text
+
+
 def test_a_study_without_actuator_data_is_not_called_adequate(built):
     page = read_html(built("bare")[1])
     assert page.by_id("verdict").all("span")[0].text == "Not judged"
@@ -408,8 +434,8 @@ def test_a_gain_without_curvature_is_given_in_elpd(built):
 def test_what_would_have_been_decided_is_shown_as_each_model_has_it(tmp_path):
     folder = write_full(tmp_path, "named")
     rows = [
-        ("base", 10.0, 4.1, 81.0, 86.0, 92.0, 75.0, 0.31),
-        ("base+degraded_skin", 10.0, 4.1, 70.0, 73.5, 78.0, 76.0, math.nan),
+        ("base", 10.0, 4.1, 81.0, 86.0, 92.0, 75.0, 0.31, 42),
+        ("base+degraded_skin", 10.0, 4.1, 70.0, 73.5, 78.0, 76.0, math.nan, 60),
     ]
     names = TABLES["decisions"].headings
     folder.write_table("decisions", pd.DataFrame(rows, columns=names))
@@ -425,6 +451,25 @@ def test_what_would_have_been_decided_is_shown_as_each_model_has_it(tmp_path):
     ]
     assert numbers_in(cells[5]) == [31.0]
     assert numbers_in(cells[6]) == []
+
+
+def test_the_least_probability_of_rupture_is_that_of_each_model(tmp_path):
+    """One in 42 is the floor of a model that knows of 42 specimens, whatever another knows of."""
+    folder = write_full(tmp_path, "named")
+    rows = [
+        ("base", 10.0, 4.1, 81.0, 86.0, 92.0, 75.0, 1.0 / 42.0, 42),
+        ("base+degraded_skin", 10.0, 4.1, 70.0, 73.5, 78.0, 76.0, 1.0 / 60.0, 60),
+    ]
+    columns = TABLES["decisions"].headings
+    folder.write_table("decisions", pd.DataFrame(rows, columns=columns))
+    content = folder.read_json("run") | {"model": {"rupture_checks": 60}}
+    folder.write_json("run", content)
+    page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
+    (cells,) = table_cells(page, "The pressure for half of the largest curvature")
+    assert [" ".join(cell.split()) for cell in cells[5:7]] == [
+        "less than 1 in 42",
+        "less than 1 in 60",
+    ]
 
 
 def test_held_out_modes_of_tension_are_shown_one_by_one(tmp_path):

@@ -89,6 +89,14 @@ def test_both_intervals_of_a_parameter_fill_one_bar_together():
         assert ratio == pytest.approx((entry.row["q95"] - entry.row["q05"]) / wide)
 
 
+def test_parameters_of_a_final_model_that_is_the_base_model_are_listed_once():
+    base = parameters().assign(model="base")
+    both = pd.concat([base, base.assign(model="final")], ignore_index=True)
+    assert [entry.row for entry in parameter_rows(both)] == [e.row for e in parameter_rows(base)]
+    both.loc[len(base), "q50"] += 1.0
+    assert len(parameter_rows(both)) == len(base) + 1
+
+
 def test_a_parameter_without_a_prior_interval_has_no_bar():
     entry = parameter_rows(parameters().assign(prior_q05=np.nan))[0]
     assert entry.prior is None
