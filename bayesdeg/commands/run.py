@@ -49,8 +49,7 @@ def run(
 ) -> None:
     """Do what `interface.run` says."""
     with shown(quiet) as progress:
-        found = read_study(study, progress)
-    checked = with_options(found, effort, seed)
+        checked = with_options(read_study(study, progress), effort, seed)
     unlikely, own = _doubts(checked, backend), checked.settings.forward is not None
     target, guard = out or Path("reports") / checked.name, Guard()
     # functions of a study folder are not known to other processes
@@ -75,7 +74,7 @@ def run(
     if not (quiet and as_json):
         _say_verdict(document, page, errors if as_json else output(), checked.settings)
     if not quiet:
-        say(_notices(document, target))
+        say(_notices(document))
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
@@ -91,13 +90,11 @@ def _doubts(study: Study, backend: Backend) -> tuple[Doubt | str, ...]:
     return refuse_impossible(doubts(study, outline(study).expected))
 
 
-def _notices(document: VerdictRecord, target: Path) -> Iterator[str]:
+def _notices(document: VerdictRecord) -> Iterator[str]:
     """Yield what a reader of the verdict should know before it is used."""
     yield from (f"in doubt: {why}" for why in doubts_of(document))
     yield from (f"not used: {one.sentence}" for one in document.unused)
-    for name, fit in RunFolder(target).read_run().convergence.items():
-        if not fit.usable:
-            yield f"not converged, {name}: {fit.sentence}"
+    yield from (f"not converged, {one}" for one in document.not_converged)
 
 
 def _say_left_out(guard: Guard, target: Path) -> None:

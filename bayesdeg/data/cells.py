@@ -26,8 +26,8 @@ DASH = re.compile("^[\u2010-\u2015\u2212]\\s*(?=[.\\d])")
 #: Written by no keyboard and seen by no reader: zero-width spaces, joiners and marks.
 INVISIBLE = re.compile("[\u00ad\u200b-\u200f\u2060\ufeff]")
 LINE_END = re.compile("\\s*[\r\n\v\f\x85\u2028\u2029]\\s*")
-#: The column of names of files, which are compared with those on the disk.
-AS_ON_DISK = "file"
+#: Names of files are compared with those on the disk, and sources are quoted.
+AS_WRITTEN = ("file", "source")
 #: The first line by which a spreadsheet tells itself the separator.
 SEPARATOR_LINE = re.compile(r'"?sep=.?"?\s*')
 #: In every unit of the contract; 1e9 s are thirty years.
@@ -224,6 +224,11 @@ def _decode(content: bytes, file: str) -> str | Fault:
     return text
 
 
+def _is_read(column: Sequence[str]) -> bool:
+    """Whether the cells below a name, if there is one, are read; others are kept as they are."""
+    return any(name in QUANTITIES and name not in AS_WRITTEN for name in column)
+
+
 def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
     line, start = 0, 1
     rows: list[tuple[int, list[str]]] = []
@@ -240,7 +245,7 @@ def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
         for row in csv.reader(lines(), strict=True):
             header = rows[0][1] if rows else ()
             cells = [
-                cell.strip() if AS_ON_DISK in header[i : i + 1] else normalised(cell)
+                normalised(cell) if not rows or _is_read(header[i : i + 1]) else cell.strip()
                 for i, cell in enumerate(row)
             ]
             if any(cells):
@@ -369,7 +374,7 @@ def _blame(
     unit = QUANTITIES[column].unit
     wanted = "" if unit == DIMENSIONLESS else f" in {unit}"
     if not is_required:
-        unlisted = [name for name in unlisted if not _is_other_quantity(name)]
+        unlisted = [name for name in unlisted if not _is_other_quantity(name, column)]
     for name in unlisted:
         if name.casefold() == column.casefold():
             return _in_capitals(name, column, place, is_there=False)
@@ -398,8 +403,9 @@ def _in_capitals(name: str, column: str, place: Fault, *, is_there: bool) -> Fau
     return Fault(place.file, problem, remedy, place.row, name)
 
 
-def _is_other_quantity(name: str) -> bool:
-    return name in QUANTITIES and stem(name) != name
+def _is_other_quantity(name: str, column: str) -> bool:
+    """Whether a name is that of another table's column; minutes for seconds are a slip."""
+    return name in QUANTITIES and stem(name) != name and (name, column) != ("time_min", "time_s")
 
 
 def _is_other_unit(name: str, column: str) -> bool:

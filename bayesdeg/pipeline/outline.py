@@ -168,8 +168,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     elongation_levels = _levels(one.elongation_levels for one in found)
     by_vendor = not elongation_levels and _vendor_elongation(study, found)
     if by_vendor:
-        read = _levels(one.levels for one in found if one.uses_forward)
-        elongation_levels = [0.0, *read]
+        elongation_levels = [0.0, *_levels(one.levels for one in found if one.uses_forward)]
     elongation_nodes = nodes_for(elongation_levels) if elongation_levels else ()
     degrades = study.degrades
     law = study.settings.law

@@ -503,6 +503,11 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
     unused = unused_rows(left, whole, (*assembly.beyond, *assembly.aside))
     return InDoubt(
         unused=tuple(map(_unused, unused)),
+        not_converged=tuple(
+            f"{name}: {worded(fit.diagnosis)}"
+            for name, fit in results.fits.items()
+            if not fit.diagnosis.usable
+        ),
         suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),
         with_suspects=_outcome(results.with_suspects),

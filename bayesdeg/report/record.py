@@ -365,6 +365,9 @@ class InDoubt(Record):
     """What a reader of a verdict should know before it is used."""
 
     unused: tuple[UnusedEntry, ...] = ()
+    not_converged: Names = Field(
+        default=(), description="calibrations that missed the criteria of their effort, and by what"
+    )
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     with_suspects: OutcomeEntry | None = Field(default=None, exclude_if=is_absent)
@@ -415,6 +418,7 @@ class VerdictRecord(FileRecord):
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     unused: tuple[UnusedEntry, ...] = Field(default=(), description="rows that no likelihood uses")
+    not_converged: Names = ()
     with_suspects: OutcomeEntry | None = Field(
         default=None,
         exclude_if=is_absent,

@@ -9,11 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg import api, cli
+from bayesdeg import api, cli, training
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import simulate as simulating
 from bayesdeg.commands import trace as tracing
-from bayesdeg.commands import training
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.laboratory.hidden import lines_of
 from bayesdeg.pipeline.update import UpdatedRun
@@ -70,6 +69,7 @@ def call(tmp_path, monkeypatch, capsys, buried):
     monkeypatch.setattr(run_command, "run_study", lambda *_, **__: verdict)
     monkeypatch.setattr(run_command, "add_page", lambda *_: (verdict, Path("index.html")))
     monkeypatch.setattr(simulating, "run_experiment", lambda *_, **__: None)
+    monkeypatch.setattr(simulating, "_filed", lambda *_: None)
     monkeypatch.setattr(simulating, "study_files", lambda *_, **__: {})
     monkeypatch.setattr(training, "train", lambda *_: None)
     entry = UpdateEntry(posteriors={"final": TakenInEntry(method="weights", effective=9.0)})

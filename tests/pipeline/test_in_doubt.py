@@ -27,6 +27,7 @@ def results(absorbed=None, **priors):
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(4))
     return SimpleNamespace(
         final=SimpleNamespace(model=stated, chain=chain),
+        fits={},
         assembly=SimpleNamespace(
             model=stated, aside=(), study=None, whole=None, beyond=(), answers=None
         ),
@@ -55,7 +56,7 @@ def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():
     said = doubts_of(VerdictRecord.read({"outcome": "adequate"} | found.document()))
     assert len(said) == 2
     assert said[0] == suspect.why
-    assert np.all(["paper stiffness" in said[1], "N/m" in said[1]])
+    assert np.all(["Paper stiffness" in said[1], "N/m" in said[1]])
 
 
 def test_what_pushed_a_parameter_in_question_stands_with_it():
