@@ -141,11 +141,11 @@ def clouds(rng: np.random.Generator, size: tuple[int, int], cells: int) -> Image
     return np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
 
 
-def rectangle(middle: Floats, width: float, height: float, turn: float = 0.0) -> Floats:
+def rectangle(x: float, y: float, width: float, height: float, turn: float = 0.0) -> Floats:
     """Return the corners of a rectangle about its centre."""
     c, s = np.cos(turn), np.sin(turn)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, height / 2]
-    return np.asarray(corners @ np.array([[c, s], [-s, c]]) + middle)
+    return np.asarray(corners @ np.array([[c, s], [-s, c]]) + [x, y])
 
 
 def disc(centre: Floats, radius: float) -> Floats:
@@ -165,8 +165,7 @@ def background(rng: np.random.Generator, canvas: Canvas, kind: str) -> None:
         canvas.image += 1.5 * clouds(rng, size, 60)[..., None]
     if kind == "mat":
         for at in np.arange(-80.0, 81.0, 10.0):
-            across, along = np.array([at, 0.0]), np.array([0.0, at])
-            lines_of = [rectangle(across, 0.25, 160.0), rectangle(along, 160.0, 0.25)]
+            lines_of = [rectangle(at, 0.0, 0.25, 160.0), rectangle(0.0, at, 160.0, 0.25)]
             canvas.paint(lines_of, np.array([150.0, 190.0, 160.0]), opacity=0.6)
 
 
@@ -184,9 +183,9 @@ def checkerboard(canvas: Canvas, corner: Floats, columns: int, rows: int) -> Non
     """Lay a printed checkerboard with a white rim; ``corner`` is its lower left."""
     size = np.array([columns, rows]) * SQUARE
     middle = corner + size / 2
-    canvas.paint([rectangle(*middle, *(size + 2 * SQUARE))], np.full(3, 235.0))
+    canvas.paint([rectangle(middle[0], middle[1], *(size + 2 * SQUARE))], np.full(3, 235.0))
     dark = [
-        rectangle(corner + SQUARE * (np.array([i, j]) + 0.5), SQUARE, SQUARE)
+        rectangle(*(corner + SQUARE * (np.array([i, j]) + 0.5)), SQUARE, SQUARE)
         for i in range(columns)
         for j in range(rows)
         if (i + j) % 2 == 0
@@ -197,7 +196,9 @@ def checkerboard(canvas: Canvas, corner: Floats, columns: int, rows: int) -> Non
 def ruler(canvas: Canvas, start: Floats, length: int) -> None:
     """Lay a ruler with a tick every millimetre, longer at 5 and at 10."""
     middle = start + np.array([length / 2, -4.0])
-    canvas.paint([rectangle(middle, length + 6.0, 12.0)], np.array([205.0, 225.0, 228.0]))
+    canvas.paint(
+        [rectangle(middle[0], middle[1], length + 6.0, 12.0)], np.array([205.0, 225.0, 228.0])
+    )
     ticks = []
     for i in range(length + 1):
         long = 6.0 if i % 10 == 0 else 4.5 if i % 5 == 0 else 3.0
@@ -220,7 +221,7 @@ def clutter(rng: np.random.Generator, canvas: Canvas, keep: Floats) -> None:
                 if rng.random() < 0.5:
                     canvas.paint([disc(at, 0.8 * reach)], colour, soft=0.7)
                 else:
-                    long = rectangle(at, 1.6 * reach, 0.5 * reach, rng.uniform(0, np.pi))
+                    long = rectangle(at[0], at[1], 1.6 * reach, 0.5 * reach, rng.uniform(0, np.pi))
                     canvas.paint([long], colour, soft=0.7)
                 break
 
