@@ -183,7 +183,8 @@ def checkerboard(canvas: Canvas, corner: Floats, columns: int, rows: int) -> Non
     """Lay a printed checkerboard with a white rim; ``corner`` is its lower left."""
     size = np.array([columns, rows]) * SQUARE
     middle = corner + size / 2
-    canvas.paint([rectangle(middle[0], middle[1], *(size + 2 * SQUARE))], np.full(3, 235.0))
+    wide, high = size + 2 * SQUARE
+    canvas.paint([rectangle(middle[0], middle[1], wide, high)], np.full(3, 235.0))
     dark = [
         rectangle(*(corner + SQUARE * (np.array([i, j]) + 0.5)), SQUARE, SQUARE)
         for i in range(columns)
