@@ -186,7 +186,7 @@ def checkerboard(canvas: Canvas, corner: Floats, columns: int, rows: int) -> Non
     wide, high = size + 2 * SQUARE
     canvas.paint([rectangle(middle[0], middle[1], wide, high)], np.full(3, 235.0))
     dark = [
-        rectangle(*(corner + SQUARE * (np.array([i, j]) + 0.5)), SQUARE, SQUARE)
+        rectangle(corner[0] + SQUARE * (i + 0.5), corner[1] + SQUARE * (j + 0.5), SQUARE, SQUARE)
         for i in range(columns)
         for j in range(rows)
         if (i + j) % 2 == 0

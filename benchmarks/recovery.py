@@ -22,6 +22,7 @@ import numpy as np
 from fine_library import shipped_library
 
 from bayesdeg.actuator.mesh import FINE
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design, run_experiment
@@ -112,10 +113,7 @@ def main() -> None:
     summary = {
         "studies": len(results),
         "covered_90": {n: sum(r["inside"][n] for r in results) for n in names},
-        "outcomes": {
-            o: sum(r["outcome"] == o for r in results)
-            for o in ("adequate", "named", "ambiguous", "unexplained")
-        },
+        "outcomes": {o: sum(r["outcome"] == o for r in results) for o in map(str, Outcome)},
         "median_seconds": float(np.median([r["seconds"] for r in results])),
         "results": results,
     }

@@ -286,7 +286,7 @@ def clamped(one: Part) -> dict[str, Any]:
         for k in SPRINGS
     }
     firm = _blocked(one, None)
-    found = {
+    found: dict[str, Any] = {
         "force_pct": {
             name: round(100.0 * (_blocked(one, clamp) / firm - 1.0), 1)
             for name, clamp in clamps.items()
@@ -304,6 +304,7 @@ def clamped(one: Part) -> dict[str, Any]:
                 "space_pct": (100.0 * (space / held - 1.0)).round(2).tolist(),
                 "turned_deg": round(turned, 2),
             }
+        found[mount] = by_clamp
     return found
 
 

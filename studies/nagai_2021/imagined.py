@@ -133,13 +133,11 @@ def imagine(
     if mean:
         experiment = experiment.mean(axis=2, keepdims=True)
     difference = np.broadcast_to(simulation, experiment.shape)
-    pooled = unexplained(
-        *(np.asarray(one, np.float64).reshape(*shape[:2], -1) for one in (experiment, difference))
-    )
+    pooled = unexplained(*(one.reshape(*shape[:2], -1) for one in (experiment, difference)))
     return np.log(np.maximum(pooled, 1e-9)).astype(np.float64)
 
 
-def unexplained(experiment: Floats, simulation: Floats) -> Floats:
+def unexplained(experiment: Floats | Singles, simulation: Floats | Singles) -> Floats:
     """Return 1 − R² = SSE/SST over the last axis, to which a reading of 0 at 0 kPa is added."""
     count = experiment.shape[-1] * 13 // 12
     total = np.square(experiment).sum(axis=-1) - experiment.sum(axis=-1) ** 2 / count
