@@ -3,7 +3,7 @@
 Read a study, calibrate its model, criticise it, name the cause, compare, predict, report. A verb
 returns a value that prints as a user wants to read it, shows as HTML in a notebook, and gives tidy
 frames; nothing is changed in place. The same seed gives the same result, whatever the number of
-workers. Progress is shown on standard error where somebody looks at it.
+workers. Progress is shown on standard error on a terminal.
 """
 
 import os
@@ -34,7 +34,7 @@ from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, write_trained
 from bayesdeg.emulator.workers import kept_processes
-from bayesdeg.errors import BayesdegError, use_one_of
+from bayesdeg.errors import BayesdegError, Stopped, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
 from bayesdeg.pipeline.progress import Progress
@@ -45,7 +45,7 @@ from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import EFFORTS, Effort
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict
-from bayesdeg.training import STORE, Manner, emulator_for
+from bayesdeg.training import STORE, Manner, emulator_for, refuse_cells
 
 Floats = NDArray[np.float64]
 Causes = Literal["all"] | str | Iterable[Cause | str]
@@ -75,10 +75,10 @@ def emulator(
     workers : int, optional
         Processes; by default one for each core.
     progress : bool, optional
-        Whether to show how far it is; by default where somebody looks at it.
+        Whether to show how far it is; by default on a terminal.
     backend : {"kernels", "scikit-fem"}
         What assembles the finite elements that it is trained on. With scikit-fem, which takes
-        forty times as long, one is trained even where one ships.
+        forty times as long, one is trained even if the package has one.
 
     Returns
     -------
@@ -95,13 +95,19 @@ def emulator(
     GeometryError
         If no actuator can be made of the dimensions.
     BayesdegError
-        If it is an actuator that no emulator can be trained for.
+        If it is an actuator that no emulator can be trained for, or the backend is unknown.
     """
     wanted = can_show_bars() if progress is None else progress
+    if backend not in list(Backend):
+        raise BayesdegError(f"backend {backend!r} is unknown; {use_one_of(str(backend), Backend)}")
     manner = Manner(yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend))
     if isinstance(geometry, Study) and geometry.actuator is not None:
-        with _work(progress, workers, parallel=True) as (_, executor):
-            of_study = emulator_for(geometry, None, manner=manner, executor=executor)
+        refuse_cells(geometry.settings, manner.backend)
+        with _work(False, workers, parallel=True) as (_, executor):  # training shows its own
+            try:
+                of_study = emulator_for(geometry, None, manner=manner, executor=executor)
+            except Stopped as stop:
+                raise KeyboardInterrupt(str(stop)) from stop
         assert of_study is not None
         return of_study
     return _of_whole_range(_moulded(geometry), manner, workers, progress)
@@ -159,7 +165,7 @@ def calibrate(
         Processes; by default one for each core. Forward maps and causes of one's own stay in this
         process.
     progress : bool, optional
-        Whether to show how far it is; by default where somebody looks at it.
+        Whether to show how far it is; by default on a terminal.
 
     Returns
     -------

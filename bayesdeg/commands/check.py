@@ -184,6 +184,6 @@ def _tables(study: Study) -> Iterator[tuple[str, int | None, str]]:
         if frame is not None:
             labels = [column for column in ("specimen_id", "film_id") if column in frame]
             counts = [f"{frame[column].nunique()} {_LABELLED[column]}" for column in labels]
-            yield table.file, len(frame), "".join(counts)
+            yield table.file, len(frame), ", ".join(counts)
         elif not read and table.cost_in(degrades=study.degrades):
             yield table.file, None, "not there"

@@ -94,7 +94,7 @@ def _notices(document: VerdictRecord) -> Iterator[str]:
     """Yield what a reader of the verdict should know before it is used."""
     yield from (f"in doubt: {why}" for why in doubts_of(document))
     yield from (f"not used: {one.sentence}" for one in document.unused)
-    yield from (f"not converged, {one}" for one in document.not_converged)
+    yield from (f"not converged: {one}" for one in document.not_converged)
 
 
 def _say_left_out(guard: Guard, target: Path) -> None:

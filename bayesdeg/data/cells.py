@@ -13,7 +13,7 @@ from bayesdeg.errors import Fault, nearest
 from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, stem
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_DIGITS = re.compile(r"[+-]?\d*(\.(?P<decimals>\d*))?([eE](?P<exponent>[+-]?\d+))?")
+_DIGITS = re.compile(r"(?=.*\d)[+-]?\d*(\.(?P<decimals>\d*))?([eE](?P<exponent>[+-]?\d+))?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 #: 1,000.8 and 1 000.8 and 1.000,8.
 THOUSANDS = re.compile(
@@ -93,8 +93,8 @@ def least_digit(texts: Iterable[str]) -> float:
 
     Examples
     --------
-    >>> least_digit(["0.5", "0.250", "", "1e1"]), least_digit(["7", "12"])
-    (0.001, 1.0)
+    >>> least_digit(["0.5", "0.250", "", "1e1"]), least_digit(["1e2", ""])
+    (0.001, 100.0)
     """
     exponents = [
         int(number["exponent"] or 0) - len(number["decimals"] or "")

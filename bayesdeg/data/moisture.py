@@ -282,7 +282,8 @@ def mass_loss_slope(control: pd.DataFrame) -> MassLossSlope:
 
 def _through_origin(x: Floats, y: Floats) -> tuple[float, float]:
     """Return the slope of a line through the origin and its standard error."""
-    square = float(x @ x)
+    told = (x != 0.0) | (y != 0.0)  # the origin is on every such line
+    x, y, square = x[told], y[told], float(x @ x)
     if not square > 0.0:
         raise ValueError("the moisture of no sample changed, so there is no slope")
     slope = float(x @ y) / square

@@ -1018,7 +1018,9 @@ def _computed(study: Study) -> Iterator[Doubt]:
     rows = computed_angles(actuator)
     if not rows.any():
         return
-    lengths = implied_lengths(actuator)[rows].groupby(actuator["specimen_id"][rows])
+    each = implied_lengths(actuator)[rows]
+    of_all = _is_one_length(each)
+    lengths = each.groupby(["all"] * len(each) if of_all else actuator["specimen_id"][rows])
     middle = 500.0 * (lengths["least"].max() + lengths["most"].min())  # mm
     low, high, stated = middle.min(), middle.max(), study.settings.dimensions.length
     one = high - low <= SAME_LENGTH * high
@@ -1373,9 +1375,11 @@ def _plain_name(name: str) -> str:
     --------
     >>> _plain_name("A 05-b") == _plain_name("a5B"), _plain_name("1-1") == _plain_name("11")
     (True, False)
+    >>> _plain_name("1.05") == _plain_name("1.5")
+    False
     """
     folded = re.sub(r"[\s_-]+", "-", unicodedata.normalize("NFKC", name).casefold())
-    return re.sub(r"(?<!\d)0+(?=\d)", "", re.sub(r"(?<!\d)-|-(?!\d)", "", folded))
+    return re.sub(r"(?<![\d.])0+(?=\d)", "", re.sub(r"(?<!\d)-|-(?!\d)", "", folded))
 
 
 # ---- words

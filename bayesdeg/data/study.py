@@ -584,7 +584,10 @@ def _unloading(tensile: pd.DataFrame) -> Iterator[Fault]:
     which += f" and {more} more specimens" if more > 0 else ""
     were = "was" if back.sum() == 1 else "were"
     problem = f"{back.sum()} of {len(back)} rows {were} read after the first loading ({which})"
-    remedy = "unloading and later cycles are not modelled: keep the first loading of each specimen"
+    remedy = (
+        "unloading and later cycles are not modelled: keep the first loading of each specimen; "
+        "where rows are only out of order, sort them by stretch"
+    )
     column = "branch" if named.any() else "stretch"
     yield Fault("tensile.csv", problem, remedy, None, column)
 

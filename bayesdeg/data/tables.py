@@ -216,8 +216,8 @@ ONE_DEGRADATION = row_check(
 BRANCH_NAMED = row_check(
     "pressure_kPa",
     "falls after it rose, and no row is named unloading",
-    "add a column branch, with loading where pressure rises and unloading where it falls, or "
-    "correct the pressure",
+    "add a column branch, with loading where pressure rises and unloading where it falls (of "
+    "several ramps also a column cycle, with 1, 2, …), or correct the pressure",
     (*BRANCH, "pressure_kPa"),
     _branch_named,
 )

@@ -25,7 +25,7 @@ Three = tuple[float, float, float]
 TRUTH_NODES = NODES[2]
 LEAST_MIDDLE = (0.1, 0.003)  # of the middle Bernstein coefficients of C1 and C3 [MPa]
 LARGEST_SHARE = 0.8  # of that of C2 over √(3 C1 C3): from −1 on the material is unstable
-FARTHEST = 5.0  # size of an effect over the 99.9 % range of its prior
+FARTHEST = 5.0  # size of an effect over the 99.8 % range of its prior
 LARGEST_DEGRADATION = 30.0  # recorded 25 %, its error, and a misreading on top [%]
 
 
@@ -353,7 +353,7 @@ def _number(text: str, cause: Cause, parameter: Parameter) -> float:
         raise BayesdegError(f"{name}: {text} is impossible under {parameter.law}; {example}")
     low, middle, high = (float(parameter.law.quantile(q)) for q in (0.001, 0.5, 0.999))
     least, most = middle - FARTHEST * (middle - low), middle + FARTHEST * (high - middle)
-    if not least <= value <= most:
+    if value != parameter.neutral and not least <= value <= most:
         raise BayesdegError(
             f"{name}: {text} is far beyond {low:.3g} to {high:.3g}, which its prior expects; "
             f"{example}"

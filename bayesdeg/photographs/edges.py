@@ -233,7 +233,7 @@ def _refuse_small(length: float, thickness: float) -> None:
     if larger > 1.0:
         raise BayesdegError(
             f"the body found is too small to read an edge: {length:.0f} pixels long and "
-            f"{thickness:.0f} thick; take the photograph {larger:.2g} times as near, so that its "
+            f"{thickness:.0f} thick; move the camera {larger:.2g} times closer, so that its "
             f"line has {np.ceil(larger * length):.0f} pixels, or show the line with --hint"
         )
 

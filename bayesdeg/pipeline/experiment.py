@@ -521,7 +521,7 @@ class ModelledExperiment:
                 "how an actuator bends; add actuator.csv to the study"
             )
         final = Results(self.assembly, fit, fit, _of_final(self.judgement, fit))
-        averaged = with_average(final, Streams.of(seed).averaged, Guard()).averaged
+        averaged = with_average(final, Streams.of(seed).averaged, Guard(strict=True)).averaged
         return averaged or replace(fit, chain=fit.chain.thinned(EFFORTS[effort].kept))
 
     def write(
@@ -543,7 +543,9 @@ class ModelledExperiment:
             If the calibrations and the verdict do not belong together, or the folder is not free.
         """
         judgement = None if judged is None else _of_final(judged[0].judgement, final.fit)
-        results = Results(self.assembly, base.fit, final.fit, judgement)
+        settled = judgement is None or judgement.sampled or not final.fit.model.causes
+        fit = final.fit if settled else base.fit
+        results = Results(self.assembly, base.fit, fit, judgement)
         study = with_options(self.study, base.effort, base.seed)
         guard, clock = Guard(), Clock({"base": base.seconds})
         clock.seconds |= {"verdict": judged[1]} if judged else {}

@@ -319,7 +319,14 @@ def not_converged(name: str, fit: Fit) -> NotConverged | None:
 
 
 def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
-    """Replace the effects of the final model's causes by those of its sampled posterior."""
+    """Replace the effects of the final model's causes by those of its sampled posterior.
+
+    Where its sampler has not converged nothing is judged, and predictions are the base model's.
+    """
+    unsettled = not_converged("model with the causes", final)
+    if unsettled is not None:
+        decision = Decision(Outcome.NOT_JUDGED, (), reasons=(unsettled,))
+        return replace(judgement, decision=decision, sampled=False)
     flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
     values = final.model.table.named(flat)
     sizes = {

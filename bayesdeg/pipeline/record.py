@@ -504,9 +504,9 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
     return InDoubt(
         unused=tuple(map(_unused, unused)),
         not_converged=tuple(
-            f"{name}: {worded(fit.diagnosis)}"
+            f"{name} model: {worded(fit.diagnosis)}"
             for name, fit in results.fits.items()
-            if not fit.diagnosis.usable
+            if not fit.diagnosis.usable and (name == "base" or fit is not results.base)
         ),
         suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),

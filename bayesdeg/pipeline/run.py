@@ -18,7 +18,6 @@ from threadpoolctl import threadpool_limits
 import bayesdeg
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.decide.verdict import Decision
-from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
@@ -43,7 +42,6 @@ from bayesdeg.pipeline.judge import (
     extended_model,
     judge,
     judge_model,
-    not_converged,
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.progress import Progress
@@ -498,8 +496,5 @@ def _final(
 ) -> tuple[Fit, Judgement]:
     """Return the model to predict with, and the verdict; without causes if it did not converge."""
     final = fit(extended[0], "final", seed=seed, start=extended[1])
-    unsettled = not_converged("model with the causes", final)
-    if unsettled is not None:
-        decision = Decision(Outcome.NOT_JUDGED, (), reasons=(unsettled,))
-        return base, replace(judgement, decision=decision)
-    return final, with_sampled_sizes(judgement, final)
+    found = with_sampled_sizes(judgement, final)
+    return (final if found.sampled else base), found

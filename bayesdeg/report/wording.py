@@ -179,10 +179,10 @@ def ends(pair: Sequence[float], between: str = "–") -> str:
 
     Examples
     --------
-    >>> ends((20.0, 80.0)), ends((11.2, 11.4), " to "), ends((11.0, 11.0))
-    ('20–80', '11.2 to 11.4', '11')
+    >>> ends((20.0, 80.0)), ends((11.2, 11.4), " to "), ends((11.0, 11.0)), ends((800.0, 1250.0))
+    ('20–80', '11.2 to 11.4', '11', '800–1250')
     """
-    low, high = (f"{end:.3g}" for end in pair)
+    low, high = (f"{end:.3g}" if abs(end) < 1000.0 else f"{end:.0f}" for end in pair)
     return low if low == high else f"{low}{between}{high}"
 
 

@@ -205,4 +205,7 @@ def test_a_control_in_which_nothing_changed_has_no_slope() -> None:
     )
     with pytest.raises(ValueError, match="no sample changed"):
         mass_loss_slope(still)
+    scattered = control(0.8574, 1.5)
+    both = mass_loss_slope(pd.concat([scattered, still]))
+    assert both.dry_se == pytest.approx(mass_loss_slope(scattered).dry_se)
     assert np.isnan(mass_loss_slope(control(0.8574, 0.0, samples=1)).dry_se)

@@ -153,6 +153,10 @@ def test_sizes_of_named_causes_are_replaced_by_sampled_ones(shifted):
     assert best.effect["offset"].mean == pytest.approx(9.0, abs=0.2)
     assert best.effect["offset"].unit == "kPa"
     assert others == list(judgement.candidates[1:])
+    far = replace(final.diagnosis, r_hat=(1.3,) * len(model.table))
+    unsettled = with_sampled_sizes(judgement, replace(final, diagnosis=far))
+    assert unsettled.decision.outcome == "not_judged"
+    assert unsettled.predicted_with == ()
 
 
 def test_what_is_left_of_the_residuals_is_smaller_than_they_were(shifted):
