@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg import cli
+from bayesdeg import cli, training
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import run as run_command
-from bayesdeg.commands import simulate, training
+from bayesdeg.commands import simulate
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.trained import read_trained, surrogate_for
