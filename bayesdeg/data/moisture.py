@@ -5,13 +5,13 @@ by the moist mass (wet basis), the control experiment behind Eq. 6 by the dry ma
 D_R means wet basis throughout, and what needs the other basis converts it here.
 """
 
+import importlib
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.optimize import curve_fit
-from scipy.stats import norm
 
 Floats = npt.NDArray[np.float64]
 
@@ -436,7 +436,7 @@ class SaturatingCourse:
             [%]
         """
         sd = np.hypot(self.standard_error(time_h), scatter_sd_pct)
-        reach = float(norm.ppf(0.5 + probability / 2.0)) * sd
+        reach = NormalDist().inv_cdf(0.5 + probability / 2.0) * sd
         centre = self.degradation(time_h)
         return centre - reach, centre + reach
 
@@ -481,7 +481,8 @@ def fit_saturating_course(films: FilmDegradation) -> SaturatingCourse:
     if not time @ np.linalg.solve(covariance, rate) > 0.0:
         raise ValueError("the degradation rates do not rise with time")
     longest = LONGEST_TIME_CONSTANT * float(time[-1])
-    found, errors = curve_fit(
+    optimize = importlib.import_module("scipy.optimize")  # slow to import: a check needs none
+    found, errors = optimize.curve_fit(
         saturating,
         time,
         rate,

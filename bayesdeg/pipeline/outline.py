@@ -318,14 +318,19 @@ def _followed(
     factor = _over(now, gelatin.c1[first])
     if factor == 1.0 or name in study.settings.priors:
         return ()
-    facts = {"factor": factor, "c1": float(now.quantile(0.5)), "name": name}
+    facts = {"factor": factor, "c1": _median(now), "name": name}
     return ((f"[priors] {name}", _sentences("priors_follow", **facts)),)
 
 
 def _over(one: Law, other: Law) -> float:
     """Return the ratio of two medians of what is positive; 1 where the first is not."""
-    ratio = float(one.quantile(0.5) / other.quantile(0.5))
+    ratio = _median(one) / _median(other)
     return ratio if ratio > 0.0 else 1.0
+
+
+def _median(law: Law) -> float:
+    """Return the median; a quantile would import scipy.special, half a second of `check`."""
+    return law.median if isinstance(law, LogNormal) else float(law.quantile(0.5))
 
 
 def _times(law: Law, factor: float) -> Law:
