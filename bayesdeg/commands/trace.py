@@ -103,7 +103,9 @@ def _report(found: Sequence[TracedPhotograph]) -> None:
         for doubt in one.not_sure:
             errors.print(f"{one.file}: not sure: {doubt}", soft_wrap=True, markup=False)
     wrong = [f"{one.file}: {one.refused}" for one in found if one.refused]
-    output().print(f"{len(found) - len(wrong)} of {len(found)} photographs traced", soft_wrap=True)
+    if len(wrong) < len(found):
+        count = f"{len(found) - len(wrong)} of {len(found)} photographs traced"
+        output().print(count, soft_wrap=True)
     if wrong:
         raise BayesdegError("\n".join(wrong))
 

@@ -10,7 +10,7 @@ import pytest
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.actuator.status import Status
+from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator import solutions as run_module
 from bayesdeg.emulator import workers
@@ -36,7 +36,7 @@ class Solver:
         self.calls, self.efforts = 0, []
         self.fails_at, self.before = fails_at, before
 
-    def __call__(self, task, *, effort, held, origin=None):
+    def __call__(self, task, *, effort, held, origin=None, backend=Backend.KERNELS):
         assert not held
         assert origin is None
         self.before()
@@ -201,7 +201,7 @@ def test_an_executor_that_cancels_is_named_and_not_taken_for_a_solution(solver, 
 class TimedOut(Solver):
     """Needs a second for every curve."""
 
-    def __call__(self, task, *, effort, held, origin=None):
+    def __call__(self, task, *, effort, held, origin=None, backend=Backend.KERNELS):
         solution = super().__call__(task, effort=effort, held=held)
         late = effort.seconds < 1.0
         return dataclasses.replace(solution, status=Status.TIMED_OUT) if late else solution

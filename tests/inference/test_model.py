@@ -13,6 +13,7 @@ from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.observations.noise import sequential
 from bayesdeg.observations.specimens import stiffness_spread
 from bayesdeg.prediction.predictive import at_conditions
+from bayesdeg.priors import Choice
 from tests.emulator.closed_form import trained
 from tests.inference import slow_model
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
@@ -249,8 +250,9 @@ def test_a_batch_is_one_vector_at_a_time_with_the_surrogate_and_a_cause(vectors,
     model = altered(small_model(), forward=trained()).extended(cause)
     near = np.array(
         [
-            float(p.law.to_unconstrained(p.neutral + 0.3 * (cause.typical[p.name] - p.neutral)))
+            float(p.law.to_unconstrained(p.neutral + share * (cause.typical[p.name] - p.neutral)))
             for p in cause.parameters
+            for share in [1.0 if isinstance(p.law, Choice) else 0.3]
         ]
     )
     full = np.hstack([vectors, np.tile(near, (len(vectors), 1))])

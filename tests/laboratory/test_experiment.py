@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import bayesdeg
 from bayesdeg.data.settings import (
     CALIBRATED_LAWS,
+    LARGEST_RATE_SD,
     MODES,
     Dimensions,
     Settings,
@@ -236,7 +237,7 @@ laws = st.one_of(
         priors=st.dictionaries(
             st.from_regex(r"[a-z_0-9]{1,8}(\.[a-z_]{1,8})?", fullmatch=True), laws, max_size=3
         ),
-        degradation_sd_pct=positive,
+        degradation_sd_pct=st.floats(1e-6, LARGEST_RATE_SD),
         recipe=st.builds(
             MixtureRecipe,
             glycerol=st.builds(Known, positive),

@@ -24,6 +24,7 @@ from bayesdeg.pipeline.refinement import (
     shifts_of,
 )
 from bayesdeg.pipeline.run_record import emulator_facts
+from bayesdeg.report.wording import parameter_words
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, TABLE, emulator
 
@@ -171,4 +172,4 @@ def test_refining_is_resumed_and_ends_with_the_same_bits(study, tmp_path, monkey
     assert said["curves"] <= FIRST
     sentence = emulator_facts(first.record).record
     assert str(said["curves"]) in sentence
-    assert said["parameter"] in sentence
+    assert parameter_words(said["parameter"]) in sentence
