@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -179,7 +181,11 @@ CONTROL = (
 
 
 def test_what_is_measured_has_both_ways_to_the_volume_ratio_and_the_control(tmp_path):
-    rows = writing.measured(study_in(tmp_path, {"mass_loss.csv": CONTROL})).set_index("quantity")
+    folder = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
+    films = (folder / "shrinkage.csv").read_text(encoding="utf-8")
+    texts = {"mass_loss.csv": CONTROL, "shrinkage.csv": films}
+    study = study_in(tmp_path, texts, without=("summary.csv",))
+    rows = writing.measured(study).set_index("quantity")
     both = rows.loc[["volume_ratio", "volume ratio by Eqs 15 and 16"]]
     assert both["n"].to_list()[1] == 4.0
     assert both["value"].diff().iloc[1] == pytest.approx(-0.008, abs=0.004)
