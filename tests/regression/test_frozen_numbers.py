@@ -100,7 +100,7 @@ def flat(told, place=()):
 
 def tolerance(place):
     """Return by how much another processor may move the number at a place."""
-    if place[0] == "held_out" or place[-1].startswith("elpd"):
+    if place[0] == "held_out" or str(place[-1]).startswith("elpd"):
         return {"rel": 0.0, "abs": NATS}
     return {"rel": SHARE, "abs": 0.0} if place[0] == "gain" else {"rel": SAME, "abs": SAME}
 
