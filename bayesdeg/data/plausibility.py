@@ -87,6 +87,8 @@ LARGEST_VOLUME_AT_REST = 0.1
 #: C1 of what actuators are moulded or printed of [MPa]: from gels of E = 3 kPa, softer than the
 #: softest silicones (Ecoflex 00-10: some 5 kPa), to polyurethanes of E = 48 MPa.
 SOFTEST, STIFFEST = 5e-4, 8.0
+#: Below the body's C1 by this, a layer's is refused if no unit is stated: half way to a thousand.
+MEANT_IN_MPA = 1000.0**0.5
 #: Two full turns: clamp and tip of a bar would long have met.
 MOST_TURNING = 4.0 * np.pi
 #: Stretch; the toughest hydrogels reach 23 (Sun et al. 2012, doi:10.1038/nature11409).
@@ -811,7 +813,8 @@ def _layer_unit(settings: Settings, material: _Material) -> Iterator[Doubt]:
         f"the body ({1e3 * body:.3g} kPa by {source}){in_mpa}"
     )
     remedy = 'write unit = "MPa" or unit = "kPa" in [constraint], of C1, C2 and C3'
-    yield Doubt(_fault("study.toml", None, "constraint.C1", value, problem, remedy), stated is None)
+    refused = stated is None and (layer * MEANT_IN_MPA < body or layer > STIFFEST)
+    yield Doubt(_fault("study.toml", None, "constraint.C1", value, problem, remedy), refused)
 
 
 def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:

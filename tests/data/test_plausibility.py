@@ -147,7 +147,8 @@ def layered(c1, unit, body=0.3):
         (60.0, None, 0.012, None),
         (2.0, "MPa", 0.012, None),
         (0.9, None, 0.3, True),  # 0.9 kPa, a 333rd of the body
-        (2.0, None, 0.012, True),
+        (2.0, None, 0.012, False),  # a sixth of the body: odd, not impossible
+        (60.0, None, 0.3, False),
         (0.9, "kPa", 0.3, False),
         (900.0, "MPa", 0.3, False),
     ],
