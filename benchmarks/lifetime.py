@@ -44,7 +44,6 @@ from bayesdeg.pipeline.lifetime import life_summary, lifetime_of
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import Streams
 from bayesdeg.prediction.lifetime import Duty
-from bayesdeg.prediction.soil import Soil
 from bayesdeg.report.checkpoints import NoCheckpoints
 
 Floats = NDArray[np.float64]
@@ -250,7 +249,7 @@ def buried(number: int) -> list[dict[str, Any]]:
             burial = Burial(pieces(soil, 1, generator), float(z[0]), float(z[1]))
             lost, burst = lives(truth, soil, duty, burial)
             life = lifetime_of(
-                *(fit, Soil(course.draws), duty, np.arange(0.0, LAST + 0.25, 0.5)),
+                *(fit, course.soil(effort.kept), duty, np.arange(0.0, LAST + 0.25, 0.5)),
                 seed=np.random.SeedSequence([number, place]),
                 progress=Silent(),
             )

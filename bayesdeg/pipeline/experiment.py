@@ -460,7 +460,7 @@ class ModelledExperiment:
         course = course_of(self.study, EFFORTS[effort], Streams.of(seed).films)
         if course is None:
             raise BayesdegError(forecast.NO_COURSE)
-        return Soil(course.draws)
+        return course.soil(EFFORTS[effort].kept)
 
     def lifetime(
         self,
@@ -497,9 +497,10 @@ class ModelledExperiment:
     ) -> tuple[str, ...]:
         """Say what is averaged, what lies outside of what was measured, and what moves nothing."""
         ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
-        members = drawn.members if isinstance(drawn, Averaged) else ()
+        averaged = isinstance(drawn, Averaged) and drawn.members
+        facts = {"members": averaged, "by_command": False}
         return (
-            *(str(Caution("averaged", {"members": one})) for one in (members,) if one),
+            *((str(Caution("averaged", facts)),) if averaged else ()),
             *forecast.extrapolations(ranges, rates, pressure),
             *forecast.hours_beyond(ranges, levels),
             *forecast.unanswered_conditions(drawn, rates, conditions),

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -29,6 +29,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Law
 from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, OptionalStage
@@ -55,6 +56,10 @@ class CourseFit:
     def draws(self) -> dict[str, Floats]:
         """Named values of all draws."""
         return self.model.table.named(self.chain.vectors.reshape(-1, self.chain.vectors.shape[-1]))
+
+    def soil(self, kept: int) -> Soil:
+        """Return the course by as many draws as a run folder keeps."""
+        return Soil(replace(self, chain=self.chain.thinned(kept)).draws)
 
 
 @dataclass(frozen=True)

@@ -629,7 +629,7 @@ def predict(
         for piece in pieces:
             table = _predicted(stored, specimens, level, piece, first)
             frames.append(_with_time(table, level))
-            progress.advance(1, str(level))
+            progress.advance(1, str(level) if stored.model.degrades else "")
     return pd.concat(frames, ignore_index=True)
 
 
@@ -735,7 +735,9 @@ def known_soil_of(path: Path) -> Soil | None:
     draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
     if draws is None:
         return None
-    read = {str(name): drawn.to_numpy() for name, drawn in draws.items()}
+    # by steps, as `CourseFit.soil` has them: whoever draws from them finds the same ones
+    stepwise = draws.transpose("draw", "chain", ..., missing_dims="ignore")
+    read = {str(name): drawn.to_numpy() for name, drawn in stepwise.items()}
     refuse_impossible_draws(read, path)
     values = {name: drawn.ravel().astype(np.float64) for name, drawn in read.items()}
     if not {p.name for p in COURSE} <= set(values):
@@ -808,7 +810,7 @@ def settings(
             )
             for one in settings_there
         ]
-        progress.advance(1, str(level))
+        progress.advance(1, str(level) if stored.model.degrades else "")
     return found
 
 
@@ -1045,7 +1047,7 @@ def doubts_of_run(stored: StoredRun) -> Iterator[Caution]:
     if stored.verdict.outcome == "unexplained":
         yield Caution("unexplained")
     if stored.members:
-        yield Caution("averaged", {"members": stored.members})
+        yield Caution("averaged", {"members": stored.members, "by_command": True})
     elif stored.verdict.outcome == "ambiguous":
         yield Caution("ambiguous", {"causes": stored.verdict.causes, "model": stored.name})
     if stored.run.update is not None:

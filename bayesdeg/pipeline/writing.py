@@ -568,7 +568,8 @@ class TableSources:
     def soil(self) -> Soil | None:
         """The course of degradation in the soil; None where no moisture of films tells it."""
         course = self.results.course
-        return self.known_soil if course is None else Soil(course.draws)
+        kept = EFFORTS[self.study.settings.effort].kept
+        return self.known_soil if course is None else course.soil(kept)
 
     @property
     def judgement(self) -> Judgement | None:

@@ -229,7 +229,7 @@ def chain_of(model, seed):
     generator = np.random.default_rng(seed)
     start = draws_near_truth(model, 1, spread=0.0)[0]
     near = evidence(model, approximate(model, generator, start=start), generator)
-    effort = replace(EFFORTS["quick"], effective=1000.0)
+    effort = replace(EFFORTS["quick"], effective=1500.0)
     return sample(model, near, effort=effort, seed=np.random.SeedSequence(seed))
 
 
@@ -273,7 +273,7 @@ def test_refits_of_the_real_model_are_those_of_brute_force(brute_force, whole_ch
     model = small_model()
     flat = whole_chain.thinned(1000).vectors.reshape(-1, len(model.table))
     refit = predict_left_out(
-        *(model, specimen, flat, np.zeros(len(flat))), effective=1000.0, reached=reached, seed=SEED
+        *(model, specimen, flat, np.zeros(len(flat))), effective=1500.0, reached=reached, seed=SEED
     )
     total = np.hypot(error, refit.error)
     assert refit.log_density == pytest.approx(exact, abs=4.0 * total)

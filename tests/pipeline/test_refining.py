@@ -129,7 +129,8 @@ def test_curves_are_added_to_those_there_are_on_the_mesh_of_the_emulator(posteri
     second = refining_campaign(first, posteriors, ground, 1)
     assert len(first.runs) == FIRST
     assert second.runs[:FIRST] == first.runs
-    assert len(set(second.runs)) == FIRST + MORE
+    assert len(set(second.runs)) == len(second.runs)
+    assert FIRST + MORE - 2 <= len(second.runs) <= FIRST + MORE  # a draw may be chosen again
     assert {run.resolution for run in second.runs} == {COARSE}
     assert {run.resolution for run in refining_campaign(base, posteriors, emulator(), 0).runs} == {
         FINE

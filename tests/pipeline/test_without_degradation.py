@@ -203,7 +203,7 @@ def test_predictions_need_no_rate_and_show_none(finished, asked, bayesdeg, tmp_p
     given = (command, folder, option, "4", "--emulator", tmp_path / "emulator.npz")
     code, printed, said = bayesdeg(*given)
     assert code == 0, said
-    assert WORDS.findall(printed + said) == []
+    assert WORDS.findall(printed + said) == [], printed + said
     code, printed, _ = bayesdeg(*given, "--degradation", "0,5")
     assert code == 0
     assert "D_R" in printed

@@ -510,12 +510,13 @@ ANSWERS = {
             "members": (
                 MemberEntry(causes=("creep",), probability=0.7),
                 MemberEntry(causes=("mullins",), probability=0.3),
-            )
+            ),
+            "by_command": True,
         },
     ),
     "one of an average": (
         "averaged",
-        {"members": (MemberEntry(causes=("creep",), probability=0.7),)},
+        {"members": (MemberEntry(causes=("creep",), probability=0.7),), "by_command": False},
     ),
     "no actuator": ("no_actuator", {}),
     "no rupture known": ("no_rupture", {}),
