@@ -344,8 +344,11 @@ class Study:
     @property
     def unused(self) -> tuple[Unused, ...]:
         """Rows of its files that no likelihood uses."""
-        tables = ((f"{name}.csv", self.given(name)) for name in ("tensile", "actuator", "force"))
-        return (*self.unread, *at_rest(tables))
+        # a row of markers.csv is a point; of a photograph or a recording it is a whole line
+        bent = "actuator.csv" if self.line_points is None else self.lines_file
+        actuator = "markers" if bent == MARKERS_FILE else "actuator"
+        tables = {"tensile.csv": "tensile", bent: actuator, "force.csv": "force"}
+        return (*self.unread, *at_rest((file, self.table(n)) for file, n in tables.items()))
 
     @property
     def lines_file(self) -> str:

@@ -629,7 +629,7 @@ def predict(
         for piece in pieces:
             table = _predicted(stored, specimens, level, piece, first)
             frames.append(_with_time(table, level))
-            progress.advance(1, str(level) if stored.model.degrades else "")
+            progress.advance(1, str(level) if len(levels) > 1 else "")
     return pd.concat(frames, ignore_index=True)
 
 
@@ -810,7 +810,7 @@ def settings(
             )
             for one in settings_there
         ]
-        progress.advance(1, str(level) if stored.model.degrades else "")
+        progress.advance(1, str(level) if len(levels) > 1 else "")
     return found
 
 

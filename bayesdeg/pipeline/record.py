@@ -25,7 +25,7 @@ from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.suspects import Oddity
 from bayesdeg.criticism.decide.candidates import Candidate, EffectSize
 from bayesdeg.criticism.decide.counted import Counted
-from bayesdeg.criticism.decide.verdict import Decision, share_explained, uncalibrated
+from bayesdeg.criticism.decide.verdict import Decision, NotConverged, share_explained, uncalibrated
 from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
@@ -501,12 +501,17 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
     assembly = results.assembly
     left, whole = assembly.study or study, assembly.whole or study
     unused = unused_rows(left, whole, (*assembly.beyond, *assembly.aside))
+    decided = () if results.judgement is None else results.judgement.decision.reasons
     return InDoubt(
         unused=tuple(map(_unused, unused)),
-        not_converged=tuple(
-            f"{name} model: {worded(fit.diagnosis)}"
-            for name, fit in results.fits.items()
-            if not fit.diagnosis.usable and (name == "base" or fit is not results.base)
+        not_converged=(
+            *(
+                f"{name} model: {worded(fit.diagnosis)}"
+                for name, fit in results.fits.items()
+                if not fit.diagnosis.usable and (name == "base" or fit is not results.base)
+            ),
+            # a final model whose sampler failed is not among them: the base model predicts
+            *(worded(one) for one in decided if isinstance(one, NotConverged)),
         ),
         suspects=suspects_of(study, results, found),
         parameters_in_question=_off_priors(results),

@@ -229,7 +229,7 @@ def chain_of(model, seed):
     generator = np.random.default_rng(seed)
     start = draws_near_truth(model, 1, spread=0.0)[0]
     near = evidence(model, approximate(model, generator, start=start), generator)
-    effort = replace(EFFORTS["quick"], effective=1500.0)
+    effort = replace(EFFORTS["quick"], effective=1000.0)
     return sample(model, near, effort=effort, seed=np.random.SeedSequence(seed))
 
 
@@ -263,7 +263,7 @@ def test_specimens_left_out_are_predicted_as_by_brute_force(brute_force, left_ou
     row = left_out_of.specimens.index(specimen)
     total = np.hypot(error, left_out_of.error[row])
     assert left_out_of.elpd[row] == pytest.approx(exact, abs=4.0 * total)
-    assert total < 0.2
+    assert total < 0.25  # 0.19 to 0.215 by the processor
 
 
 @pytest.mark.slow
@@ -273,11 +273,11 @@ def test_refits_of_the_real_model_are_those_of_brute_force(brute_force, whole_ch
     model = small_model()
     flat = whole_chain.thinned(1000).vectors.reshape(-1, len(model.table))
     refit = predict_left_out(
-        *(model, specimen, flat, np.zeros(len(flat))), effective=1500.0, reached=reached, seed=SEED
+        *(model, specimen, flat, np.zeros(len(flat))), effective=1000.0, reached=reached, seed=SEED
     )
     total = np.hypot(error, refit.error)
     assert refit.log_density == pytest.approx(exact, abs=4.0 * total)
-    assert total < 0.2
+    assert total < 0.25  # 0.19 to 0.215 by the processor
 
 
 def test_no_bridge_leads_to_a_specimen_that_no_draw_answers():

@@ -8,6 +8,7 @@ from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.line import OPERATORS, read_line
 from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, evenly, operator_ratio
 from bayesdeg.data.plausibility import doubts
+from bayesdeg.data.unused import Why
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.curvature import actuator_curves
 from bayesdeg.observations.markers import angle_errors
@@ -190,6 +191,13 @@ def test_a_line_in_doubt_is_said_to_be_of_points(tmp_path):
     found = doubts(study, outline(study).expected)
     assert any("markers.csv, specimen 'd'" in str(doubt) for doubt in found)
     assert not any("actuator.csv" in str(doubt) for doubt in found)
+
+
+def test_points_of_an_unloaded_line_are_counted(tmp_path):
+    lines = table([0.5, 2.0, 6.0])
+    study = read_study(written(tmp_path, lines.assign(pressure_kPa=lines["pressure_kPa"] - 20.0)))
+    [one] = study.unused
+    assert (one.file, one.why, one.rows) == ("markers.csv", Why.UNLOADED, COUNT)
 
 
 def test_points_and_curvatures_are_not_both_taken(tmp_path):

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from bayesdeg.criticism.checks.absorption import Absorption, Displacement, Interval, Push
+from bayesdeg.criticism.decide.verdict import NotConverged
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.record import in_doubt
@@ -32,13 +33,20 @@ def results(absorbed=None, **priors):
             model=stated, aside=(), study=None, whole=None, beyond=(), answers=None
         ),
         with_suspects=None,
-        judgement=SimpleNamespace(absorbed=absorbed),
+        judgement=SimpleNamespace(absorbed=absorbed, decision=SimpleNamespace(reasons=())),
     )
 
 
 def test_a_sound_study_near_its_priors_is_in_no_doubt():
     found = in_doubt(read_study(STUDY), results())
     assert found == InDoubt()
+
+
+def test_a_final_model_whose_sampler_failed_is_said():
+    judged = results()
+    judged.judgement.decision.reasons = (NotConverged("model with the causes", 1.8, 12.0),)
+    [said] = in_doubt(read_study(STUDY), judged).not_converged
+    assert "1.80" in said
 
 
 def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():

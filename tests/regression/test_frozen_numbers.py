@@ -30,8 +30,8 @@ OF_THE_BEAM = {"expected": 1e-8, "simulated": 1e-6}
 # processor with other vector instructions and without MKL it is 1.3e-6.
 SAME = 1e-5
 # Held-out scores rest on a resample, in which the last bits choose other draws: there by up to
-# 0.4 nats and, of errors and shares, 8 %.
-NATS, SHARE = 0.5, 0.1
+# 0.4 nats and, of errors, 8 %; five of 89 readings cross an end of the interval that covers half.
+NATS, SHARE, COVERED = 0.5, 0.1, 0.1
 FROZEN = stored()
 CONCLUDED = json.loads(VERDICTS.read_text(encoding="utf-8"))
 
@@ -102,6 +102,8 @@ def tolerance(place):
     """Return by how much another processor may move the number at a place."""
     if place[0] == "held_out" or str(place[-1]).startswith("elpd"):
         return {"rel": 0.0, "abs": NATS}
+    if str(place[-1]).startswith("coverage"):
+        return {"rel": 0.0, "abs": COVERED}
     return {"rel": SHARE, "abs": 0.0} if place[0] == "gain" else {"rel": SAME, "abs": SAME}
 
 
