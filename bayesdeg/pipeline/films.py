@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -58,8 +58,10 @@ class CourseFit:
         return self.model.table.named(self.chain.vectors.reshape(-1, self.chain.vectors.shape[-1]))
 
     def soil(self, kept: int) -> Soil:
-        """Return the course by as many draws as a run folder keeps."""
-        return Soil(replace(self, chain=self.chain.thinned(kept)).draws)
+        """Return the course by the draws that a run folder keeps, in the order of its file."""
+        vectors = self.chain.thinned(kept).vectors
+        ordered = np.swapaxes(vectors, 1, 2).reshape(-1, vectors.shape[-1])
+        return Soil(self.model.table.named(ordered))
 
 
 @dataclass(frozen=True)

@@ -735,9 +735,7 @@ def known_soil_of(path: Path) -> Soil | None:
     draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
     if draws is None:
         return None
-    # by steps, as `CourseFit.soil` has them: whoever draws from them finds the same ones
-    stepwise = draws.transpose("draw", "chain", ..., missing_dims="ignore")
-    read = {str(name): drawn.to_numpy() for name, drawn in stepwise.items()}
+    read = {str(name): drawn.to_numpy() for name, drawn in draws.items()}
     refuse_impossible_draws(read, path)
     values = {name: drawn.ravel().astype(np.float64) for name, drawn in read.items()}
     if not {p.name for p in COURSE} <= set(values):
