@@ -37,6 +37,7 @@ from bayesdeg.emulator.workers import kept_processes
 from bayesdeg.errors import BayesdegError, Stopped, use_one_of
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.experiment import Written
+from bayesdeg.pipeline.forecast import levels_at
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.update import read_new
 from bayesdeg.pipeline.update import update as update_run
@@ -518,7 +519,8 @@ def lifetime(
         raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
     duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.drawn, fit.effort, _seed(seed, fit.seed), show)
+        soil = experiment.soil(fit.effort, fit.seed, show)
+        asked = (fit.drawn, soil, _seed(seed, fit.seed), show)
         table, said = experiment.lifetime(*asked, duty, times, conditions, beyond=beyond)
     _warn(said)
     return table
@@ -539,7 +541,8 @@ def _levels(
     if degradation is None and hours is None and not fit.fit.model.degrades:
         degradation = 0.0
     rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
-    return experiment.levels(rates, times, effort=fit.effort, seed=seed, progress=progress)
+    soil = None if times is None else experiment.soil(fit.effort, fit.seed, progress)
+    return levels_at(degradation=rates, hours=times, soil=soil, seed=seed)
 
 
 def _control_own(

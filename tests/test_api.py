@@ -609,7 +609,7 @@ def test_the_quick_start_of_the_first_page_runs(tmp_path, monkeypatch, capsys):
     names: dict[str, object] = {}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        # two causes explain the published bursts equally well
+        # two causes explain the bursts about equally well
         warnings.filterwarnings("ignore", "the run could not tell causes apart", UserWarning)
         exec(compile(quick_start(), "README.md", "exec"), names)
     found = names["verdict"]

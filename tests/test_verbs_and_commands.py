@@ -126,6 +126,13 @@ def test_predict(run, fits):
     assert table["probability"].iloc[-1] > 1.5 * fewer["probability"].iloc[-1]
 
 
+@pytest.mark.parametrize("seed", [None, 3])
+def test_predict_after_hours(run, fits, seed):
+    ours = said_by(bd.predict, fits[2], pressure=[60, 160], hours=[4, 8], seed=seed)
+    options = ["--pressure", "60,160", "--hours", "4,8", *(["--seed", seed] if seed else [])]
+    assert_same(ours[0], answer("predict", run, *options)[0])
+
+
 def test_control(run, fits):
     asked = {"curvature": [8.0, 300.0], "degradation": [0, 25], "max_risk": 0.05}
     options = ["--curvature", "8,300", "--degradation", "0,25", "--risk", "0.05"]

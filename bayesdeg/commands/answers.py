@@ -201,10 +201,8 @@ class Recorded(Protocol):
 
 
 def seed_of(stored: Recorded, given: int | None) -> np.random.SeedSequence:
-    """Return the seed of an answer: the user's, or one that follows from the run's."""
-    if given is not None:
-        return np.random.SeedSequence(given)
-    return np.random.SeedSequence([stored.run.seed or 0, 1])
+    """Return the seed of an answer, as verbs have it: from the user's, or else from the run's."""
+    return np.random.SeedSequence([(stored.run.seed or 0) if given is None else given, 1])
 
 
 class Answer(FileRecord):
@@ -370,9 +368,9 @@ def levels_of(
         rates = numbers(degradation or ["0"], "--degradation", "%", low=0.0, high=100.0)
         return forecast.levels_at(degradation=rates, hours=None, soil=None, seed=seed)
     times = numbers(hours, "--hours", "h", low=0.0, high=math.inf)
-    return forecast.levels_at(
-        degradation=None, hours=times, soil=forecast.soil_of(report), seed=seed
-    )
+    soil = forecast.soil_of(report)
+    seed = RunFolder(report).read_run().seed if seed is None else seed
+    return forecast.levels_at(degradation=None, hours=times, soil=soil, seed=seed)
 
 
 def _degrades(report: Path) -> bool:

@@ -203,10 +203,15 @@ class Chain:
         draws = self.vectors.reshape(ensembles, steps * walkers, size)
         return np.array([array_stats.rhat(draws[:, :, i]) for i in which or range(size)])
 
+    @property
+    def by_walker(self) -> Floats:
+        """The vectors walker by walker, (ensembles, walkers, steps, n_parameters), as files are."""
+        return np.swapaxes(self.vectors, 1, 2)
+
     def effective(self, method: str = "bulk", which: Sequence[int] | None = None) -> Floats:
         """Effective sample size of each parameter, or of some, along each walker."""
         ensembles, steps, walkers, size = self.vectors.shape
-        lines = np.swapaxes(self.vectors, 1, 2).reshape(ensembles * walkers, steps, size)
+        lines = self.by_walker.reshape(ensembles * walkers, steps, size)
         prob = 0.9 if method == "tail" else None
         return np.array(
             [

@@ -31,7 +31,7 @@ def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) 
     ensembles, steps, walkers, size = chain.vectors.shape
     shape = (ensembles, steps * walkers)
     # walker by walker, so that neighbours in the tree are as much alike as the chain's own steps
-    values = density.table.named(np.swapaxes(chain.vectors, 1, 2).reshape(-1, size))
+    values = density.table.named(chain.by_walker.reshape(-1, size))
     groups: Groups = {
         "posterior": {name: v.reshape(shape) for name, v in values.items()},
         "sample_stats": {"lp": np.swapaxes(chain.log_prob, 1, 2).reshape(shape)},

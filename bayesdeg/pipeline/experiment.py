@@ -434,28 +434,14 @@ class ModelledExperiment:
             raise BayesdegError(f"a model of a study is asked at {ask}")
         return self.own, DrawnFormula(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
 
-    def levels(
-        self,
-        degradation: Floats | None,
-        hours: Floats | None,
-        *,
-        effort: Effort,
-        seed: int,
-        progress: Progress,
-    ) -> tuple[Level, ...]:
-        """Return the degradation rates at which to predict, known or after hours in the soil.
+    def soil(self, effort: Effort, seed: int, progress: Progress) -> Soil:
+        """Return the course of degradation as ``bayesdeg run`` finds it with the same seed.
 
         Raises
         ------
         BayesdegError
-            If hours are given, and the study has no moisture of films.
+            If the study has no moisture of films.
         """
-        if hours is None:
-            return forecast.levels_at(degradation=degradation, hours=None, soil=None, seed=seed)
-        soil = self._soil(effort, seed, progress)
-        return forecast.levels_at(degradation=None, hours=hours, soil=soil, seed=seed)
-
-    def _soil(self, effort: Effort, seed: int, progress: Progress) -> Soil:
         progress.stage("course of degradation")
         course = course_of(self.study, EFFORTS[effort], Streams.of(seed).films)
         if course is None:
@@ -465,7 +451,7 @@ class ModelledExperiment:
     def lifetime(
         self,
         drawn: Drawn,
-        effort: Effort,
+        soil: Soil,
         seed: int,
         progress: Progress,
         duty: Duty,
@@ -475,7 +461,6 @@ class ModelledExperiment:
         beyond: bool,
     ) -> tuple[pd.DataFrame, tuple[str, ...]]:
         """Return what becomes of actuators in the soil, and what a user should know."""
-        soil = self._soil(effort, seed, progress)
         times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
         experience = experience_of(self._document)
         life = lifetime_of(
@@ -497,10 +482,10 @@ class ModelledExperiment:
     ) -> tuple[str, ...]:
         """Say what is averaged, what lies outside of what was measured, and what moves nothing."""
         ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
-        averaged = isinstance(drawn, Averaged) and drawn.members
-        facts = {"members": averaged, "by_command": False}
+        members = drawn.members if isinstance(drawn, Averaged) else ()
+        averaged = Caution("averaged", {"members": members, "by_command": False})
         return (
-            *((str(Caution("averaged", facts)),) if averaged else ()),
+            *((str(averaged),) if members else ()),
             *forecast.extrapolations(ranges, rates, pressure),
             *forecast.hours_beyond(ranges, levels),
             *forecast.unanswered_conditions(drawn, rates, conditions),

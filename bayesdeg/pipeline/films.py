@@ -59,9 +59,8 @@ class CourseFit:
 
     def soil(self, kept: int) -> Soil:
         """Return the course by the draws that a run folder keeps, in the order of its file."""
-        vectors = self.chain.thinned(kept).vectors
-        ordered = np.swapaxes(vectors, 1, 2).reshape(-1, vectors.shape[-1])
-        return Soil(self.model.table.named(ordered))
+        ordered = self.chain.thinned(kept).by_walker
+        return Soil(self.model.table.named(ordered.reshape(-1, ordered.shape[-1])))
 
 
 @dataclass(frozen=True)

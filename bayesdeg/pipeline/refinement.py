@@ -250,7 +250,7 @@ def refining_campaign(
     counted = posteriors.asked.in_units(ground.units)
     back = Units(1.0 / ground.units.load, 1.0 / ground.units.paper)
     chosen = curves_along(counted, ground.span, MORE if known else FIRST, seed=number)
-    # few draws of large load may be chosen again
+    # a later round may choose a draw again
     curves = tuple(dict.fromkeys((*known, *(counted_in(curve, back) for curve in chosen))))
     design = LocalDesign(ground.span, (), curves, curves, ground.units)
     return replace(base, recipe=_on_mesh_of(ground, base.recipe), design=design)
