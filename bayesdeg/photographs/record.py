@@ -98,6 +98,7 @@ def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
     per_pixel = _per_pixel(to_mm, pixels)[:, None]
     errors = np.where(moved[:, None], BY_HAND * per_pixel, np.array(photograph.errors))
     added = _angle_error(points, np.where(moved[:, None], errors, 0.0))
+    added = with_bent_ends(added, photograph.bent_ends)
     return photograph.model_copy(
         update={
             "pixels": _places(pixels, 3),

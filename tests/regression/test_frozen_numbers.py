@@ -30,8 +30,8 @@ OF_THE_BEAM = {"expected": 1e-8, "simulated": 1e-6}
 # processor with other vector instructions and without MKL it is 1.3e-6.
 SAME = 1e-5
 # Held-out scores rest on a resample, in which the last bits choose other draws: there by up to
-# 0.4 nats and, of errors, 8 %; five of 89 readings cross an end of the interval that covers half.
-NATS, SHARE, COVERED = 0.5, 0.1, 0.1
+# 0.7 nats and, of errors, 8 %; five of 89 readings cross an end of the interval that covers half.
+NATS, SHARE, COVERED = 1.0, 0.1, 0.1
 FROZEN = stored()
 CONCLUDED = json.loads(VERDICTS.read_text(encoding="utf-8"))
 
