@@ -7,7 +7,7 @@ writes folders ``0001``, ``0002``, … in the form of the contract, a ``README.m
 ``manifest.json`` with the hashes of all files and of the truths, which go to one file of their own.
 With the same numbers every byte is the same. Curvatures come from the second surrogate of the fine
 finite element model (``fine_library.py``), and ``--physics`` studies from fields of material that
-are solved (`bayesdeg.laboratory.fields`), a minute or more each.
+are solved (`physics.fields`), a minute or more each.
 
 Who knows the seed can make the truths; one who wants them kept takes a seed of many digits and
 publishes the folder, in which it is not. What is hidden follows from no name, order or number of a
@@ -37,6 +37,11 @@ from hidden_studies import (
     experimented,
 )
 from physical_effects import from_surfaces, softened, viscous
+from physics.fields import (
+    FieldActuator,
+    FieldMap,
+    Memory,
+)
 from planted_studies import LEVELS, REACH, RELAXATION, SHARE, SOFTENED
 from threadpoolctl import threadpool_limits
 from unknown_effects import FORMS, _cause
@@ -48,11 +53,6 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design
-from bayesdeg.laboratory.fields import (
-    FieldActuator,
-    FieldMap,
-    Memory,
-)
 from bayesdeg.laboratory.hidden import HiddenTruth, Origin, lines_of
 from bayesdeg.laboratory.truth import HiddenEffect
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance, study_files

@@ -4,7 +4,7 @@
 
 Studies are made with the second surrogate of the fine finite element model (``fine_library.py``),
 as those of ``hidden_effects.py``: a third without anything, a third with a mishap of
-`bayesdeg.laboratory.mishaps`, a third with a mishap and a cause. A mishap changes the file that was
+`physics.mishaps`, a third with a mishap and a cause. A mishap changes the file that was
 written; the study is then looked through, calibrated and judged from its folder alone, as
 ``bayesdeg run`` does at quick effort. With ``--record FILE`` studies in the file are not judged
 again; ``--search`` looks for suspects and judges nothing, for what is found alone, in seconds a
@@ -34,6 +34,7 @@ import pandas as pd
 from hidden_effects import library
 from hidden_studies import HiddenStudy, _sized, made
 from numpy.typing import NDArray
+from physics.mishaps import MISHAPS, Mishap, happen
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.criticism.checks.suspects import parts_of
@@ -41,7 +42,6 @@ from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import JointModel, near_films
-from bayesdeg.laboratory.mishaps import MISHAPS, Mishap, happen
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.observations.curvature import ANGLE, CURVATURE
 from bayesdeg.pipeline.aside import Aside

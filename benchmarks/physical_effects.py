@@ -17,17 +17,7 @@ import numpy as np
 import pandas as pd
 from hidden_studies import ONLY_IN, REFUSED, HiddenStudy, designs, experimented, write_folder
 from numpy.typing import NDArray
-
-from bayesdeg.actuator.curve import ExactMap
-from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, gravity_direction
-from bayesdeg.actuator.mesh import COARSE, FINE
-from bayesdeg.actuator.status import Resolution
-from bayesdeg.causes.catalogue import find
-from bayesdeg.data.settings import Dimensions, Settings
-from bayesdeg.data.study import read_study
-from bayesdeg.laboratory.experiment import Design
-from bayesdeg.laboratory.fields import (
+from physics.fields import (
     Diffusion,
     Drying,
     Elastic,
@@ -40,7 +30,17 @@ from bayesdeg.laboratory.fields import (
     Water,
     reacted,
 )
-from bayesdeg.laboratory.mounting import Bond, Mounting
+from physics.mounting import Bond, Mounting
+
+from bayesdeg.actuator.curve import ExactMap
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, gravity_direction
+from bayesdeg.actuator.mesh import COARSE, FINE
+from bayesdeg.actuator.status import Resolution
+from bayesdeg.causes.catalogue import find
+from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.study import read_study
+from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
 from bayesdeg.pipeline.assemble import assemble

@@ -35,6 +35,12 @@ from physical_effects import (
     softened,
     viscous,
 )
+from physics.fields import (
+    FieldActuator,
+    FieldMap,
+    Memory,
+)
+from physics.mounting import Mounting
 
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.geometry import Geometry
@@ -47,12 +53,6 @@ from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.workers import pool
 from bayesdeg.laboratory.experiment import Design
-from bayesdeg.laboratory.fields import (
-    FieldActuator,
-    FieldMap,
-    Memory,
-)
-from bayesdeg.laboratory.mounting import Mounting
 from bayesdeg.laboratory.truth import HiddenEffect, Three
 
 Floats = NDArray[np.float64]

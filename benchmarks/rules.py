@@ -3,7 +3,7 @@
     uv run python benchmarks/rules.py --json
 
 An actuator of the default geometry is tested at degradation rates of 0, 12.5 and 25 % with
-materials that have a field with a memory (`bayesdeg.laboratory.fields`), and the rule of the cause
+materials that have a field with a memory (`physics.fields`), and the rule of the cause
 is fitted to all curves at once by least squares, against the elastic actuator of the same mesh.
 For each physics the answer holds
 
@@ -40,18 +40,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares
-
-from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, gravity_direction
-from bayesdeg.actuator.material import MaterialGroups, local_constants
-from bayesdeg.actuator.mesh import COARSE, ActuatorMesh, build_mesh
-from bayesdeg.actuator.problem import Problem
-from bayesdeg.causes.catalogue import find
-from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Conditions
-from bayesdeg.data.settings import Dimensions
-from bayesdeg.laboratory.fields import (
+from physics.fields import (
     Diffusion,
     Drying,
     Elastic,
@@ -65,7 +54,18 @@ from bayesdeg.laboratory.fields import (
     Water,
     reacted,
 )
-from bayesdeg.laboratory.mounting import Bond, Clamp, cuts_of, detached
+from physics.mounting import Bond, Clamp, cuts_of, detached
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, gravity_direction
+from bayesdeg.actuator.material import MaterialGroups, local_constants
+from bayesdeg.actuator.mesh import COARSE, ActuatorMesh, build_mesh
+from bayesdeg.actuator.problem import Problem
+from bayesdeg.causes.catalogue import find
+from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Conditions
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.laboratory.truth import Truth
 
 ROOT = Path(__file__).resolve().parents[1]

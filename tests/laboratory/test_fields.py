@@ -4,18 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import erf
-
-from bayesdeg.actuator.body import box
-from bayesdeg.actuator.curve import ExactMap
-from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.actuator.mesh import COARSE, build_mesh
-from bayesdeg.actuator.outputs import OUTPUTS
-from bayesdeg.actuator.problem import MechanicalState, Problem
-from bayesdeg.data.settings import Dimensions
-from bayesdeg.laboratory.fields import (
+from physics.fields import (
     EFFORT,
     Diffusion,
     Drying,
@@ -33,6 +22,17 @@ from bayesdeg.laboratory.fields import (
     isochoric_stress,
     reacted,
 )
+from scipy.special import erf
+
+from bayesdeg.actuator.body import box
+from bayesdeg.actuator.curve import ExactMap
+from bayesdeg.actuator.geometry import Geometry
+from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.mesh import COARSE, build_mesh
+from bayesdeg.actuator.outputs import OUTPUTS
+from bayesdeg.actuator.problem import MechanicalState, Problem
+from bayesdeg.data.settings import Dimensions
 
 SMALL = Geometry(Dimensions(length=14.0, chambers=1))
 BARE = MaterialGroups(c2_ratio=0.0, c3_ratio=0.0, paper_group=0.0)

@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-
-from bayesdeg.laboratory.mishaps import (
+from physics.mishaps import (
     EDGE,
     LEAK,
     MISHAPS,

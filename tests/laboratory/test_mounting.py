@@ -4,6 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from physics.fields import (
+    Elastic,
+    Field,
+    FieldActuator,
+    FieldBody,
+    FieldEquations,
+    FieldMap,
+    Schedule,
+)
+from physics.mounting import (
+    NEAREST,
+    Bond,
+    Clamp,
+    ClampSprings,
+    Mounting,
+    bonded_mesh,
+    cuts_of,
+    detached,
+    end_face,
+    released,
+)
 
 from bayesdeg.actuator.body import boundary_faces, box, tetrahedra_of
 from bayesdeg.actuator.curve import ExactMap
@@ -16,27 +37,6 @@ from bayesdeg.actuator.problem import MechanicalState, Problem, System
 from bayesdeg.actuator.status import PathEffort, Resolution
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.laboratory.fields import (
-    Elastic,
-    Field,
-    FieldActuator,
-    FieldBody,
-    FieldEquations,
-    FieldMap,
-    Schedule,
-)
-from bayesdeg.laboratory.mounting import (
-    NEAREST,
-    Bond,
-    Clamp,
-    ClampSprings,
-    Mounting,
-    bonded_mesh,
-    cuts_of,
-    detached,
-    end_face,
-    released,
-)
 from tests.actuator.parts import half, tetrahedral, write
 from tests.actuator.test_part import geometry_of_file
 from tests.actuator.test_tetrahedra import cube

@@ -51,7 +51,7 @@ from bayesdeg.actuator.problem import (
 )
 from bayesdeg.actuator.status import PathEffort, Resolution, Status
 from bayesdeg.actuator.weak_form import Spaces, mass, on_faces
-from bayesdeg.laboratory.mounting import (
+from physics.mounting import (
     Bond,
     Clamp,
     ClampSprings,
