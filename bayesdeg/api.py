@@ -35,9 +35,15 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, write_trained
 from bayesdeg.emulator.workers import kept_processes
 from bayesdeg.errors import BayesdegError, Stopped, use_one_of
+from bayesdeg.pipeline import forecast, own_forecast
 from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
-from bayesdeg.pipeline.experiment import Written
-from bayesdeg.pipeline.forecast import levels_at
+from bayesdeg.pipeline.lifetime import (
+    default_hours,
+    life_summary,
+    life_table,
+    lifetime_of,
+    said_of_life,
+)
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.update import read_new
 from bayesdeg.pipeline.update import update as update_run
@@ -45,7 +51,7 @@ from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import EFFORTS, Effort
-from bayesdeg.results import Calibration, Model, Report, Update, Verdict
+from bayesdeg.results import Calibration, Model, Report, Update, Verdict, write_run
 from bayesdeg.training import STORE, Manner, emulator_for, refuse_cells
 
 Floats = NDArray[np.float64]
@@ -246,8 +252,9 @@ def criticise(
     experiment = fit.model.experiment.with_candidates(causes)
     begun = time.perf_counter()
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
-        judged = experiment.judge(fit.fit, how, number, show, executor)
-    return Verdict(fit.model, judged, round(time.perf_counter() - begun, 2))
+        found = experiment.judge(fit.fit, how, number, show, executor)
+    tried = experiment.assembly.causes
+    return Verdict(fit.model, *found, tried, round(time.perf_counter() - begun, 2))
 
 
 def compare(
@@ -359,14 +366,18 @@ def predict(
             if x is None or any(one is not None for one in (pressure, degradation, hours)):
                 raise BayesdegError("a model with a forward map of its own is asked at x=...")
             show.stage("predicting")
-            return experiment.predict_own(fit.fit, fit.effort, number, _inputs(x))
+            return own_forecast.predict(fit.drawn, _inputs(x), _of_answers(number))
         if x is not None:
             raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
         levels = _levels(fit, degradation, hours, number, show)
-        _warn(experiment.cautions(fit.drawn, levels, pressures, conditions))
-        asked = (fit.drawn, number, show)
-        return experiment.predict(*asked, pressure=pressures, levels=levels, conditions=conditions)
+        _warn(forecast.said_of(fit.drawn, levels, pressures, conditions))
+        return forecast.predict(
+            *(fit.drawn, levels, pressures),
+            seed=_of_answers(number),
+            progress=show,
+            conditions=conditions,
+        )
 
 
 def control(
@@ -443,19 +454,18 @@ def control(
         raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
     with _work(progress, 1, parallel=False) as (show, _):
-        asked = (fit.drawn, _seed(seed, fit.seed), show)
-        levels = _levels(fit, degradation, hours, asked[1], show)
-        table, said = experiment.control(
-            *asked,
-            curvature=wanted,
-            levels=levels,
-            max_risk=max_risk,
+        number, drawn = _seed(seed, fit.seed), fit.drawn
+        levels = _levels(fit, degradation, hours, number, show)
+        found = forecast.settings(
+            *(drawn, levels, wanted),
+            risk=max_risk,
+            seed=_of_answers(number),
+            progress=show,
             conditions=conditions,
-            beyond=beyond,
+            experience=None if beyond else drawn.experience,
         )
-    set_to = table["pressure_kPa"].dropna().to_numpy(np.float64)
-    _warn((*said, *experiment.cautions(fit.drawn, levels, set_to, conditions)))
-    return table
+    _warn(forecast.said_of_settings(drawn, levels, found, conditions, beyond=beyond))
+    return forecast.settings_table(found)
 
 
 def lifetime(
@@ -519,10 +529,17 @@ def lifetime(
         raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
     duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
-        soil = experiment.soil(fit.effort, fit.seed, show)
-        asked = (fit.drawn, soil, _seed(seed, fit.seed), show)
-        table, said = experiment.lifetime(*asked, duty, times, conditions, beyond=beyond)
-    _warn(said)
+        soil, drawn = experiment.soil(fit.effort, fit.seed, show), fit.drawn
+        life = lifetime_of(
+            *(drawn, soil, duty, default_hours(drawn.measured) if times is None else times),
+            seed=_of_answers(_seed(seed, fit.seed)),
+            progress=show,
+            conditions=conditions,
+            experience=None if beyond else drawn.experience,
+        )
+    _warn(said_of_life(drawn, soil, life, duty, conditions, beyond=beyond))
+    table, summary = life_table(drawn, life, duty), life_summary(drawn, life, duty)
+    table.attrs.update(summary.facts, summary=str(summary))
     return table
 
 
@@ -542,7 +559,7 @@ def _levels(
         degradation = 0.0
     rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
     soil = None if times is None else experiment.soil(fit.effort, fit.seed, progress)
-    return levels_at(degradation=rates, hours=times, soil=soil, seed=seed)
+    return forecast.levels_at(degradation=rates, hours=times, soil=soil, seed=seed)
 
 
 def _control_own(
@@ -556,7 +573,7 @@ def _control_own(
     wanted = np.atleast_1d(np.asarray(reading, dtype=np.float64))
     if not np.all(np.isfinite(wanted)):
         raise BayesdegError(f"reading must be finite numbers, not {reading}")
-    return fit.model.experiment.control_own(fit.fit, fit.effort, seed, wanted, _inputs(x))
+    return own_forecast.control(fit.drawn, wanted, _inputs(x), _of_answers(seed))
 
 
 def _inputs(x: Any) -> Any:
@@ -611,16 +628,7 @@ def report(
     if verdict.model is not base.model:
         raise BayesdegError("the verdict is of another model than the base calibration")
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
-        page = experiment.write(
-            Path(path),
-            _written(base),
-            _written(last),
-            (verdict.judged, verdict.seconds),
-            show,
-            executor,
-            full=full,
-        )
-    return Report(Path(path), page)
+        return write_run(Path(path), base, last, verdict, show, executor, full=full)
 
 
 def update(
@@ -681,10 +689,6 @@ def update(
     return Update(written)
 
 
-def _written(one: Calibration) -> Written:
-    return Written(one.fit, one.effort, one.seed, one.seconds)
-
-
 def _model(given: object) -> Model:
     if not isinstance(given, Model):
         raise BayesdegError(f"calibrate takes a bayesdeg.Model, not {type(given).__name__}")
@@ -708,6 +712,11 @@ def _seed(given: int | None, default: int) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise BayesdegError(f"seed must be a whole number not below 0, not {seed!r}")
     return int(seed)
+
+
+def _of_answers(seed: int) -> np.random.SeedSequence:
+    """Return the seed of predictions, as commands have it."""
+    return np.random.SeedSequence([seed, 1])
 
 
 def _numbers(

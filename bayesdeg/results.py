@@ -3,8 +3,9 @@
 import html
 import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import KW_ONLY, dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -16,15 +17,20 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
-from bayesdeg.pipeline.experiment import Judged, ModelledExperiment
-from bayesdeg.pipeline.forecast import Drawn
+from bayesdeg.pipeline.experiment import ModelledExperiment, of_final
 from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
+from bayesdeg.pipeline.output import run_folder
+from bayesdeg.pipeline.posterior import Posterior
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.record import Results
+from bayesdeg.pipeline.run import Clock, Streams, add_page, conclude, with_average, with_options
 from bayesdeg.pipeline.update import UpdatedRun
 from bayesdeg.priors import Parameter
 from bayesdeg.quantities import Effort
 from bayesdeg.report.folder import POSTERIOR, RunFolder
 from bayesdeg.report.headline import size_of
-from bayesdeg.report.record import CandidateEntry, TakenInEntry
+from bayesdeg.report.left_out import Guard
+from bayesdeg.report.record import CandidateEntry, TakenInEntry, VerdictRecord
 from bayesdeg.report.wording import SPACE, sentences, worded
 
 SHOWN = 5  # candidates in a printed verdict
@@ -165,8 +171,8 @@ class Model:
                 "verdict.model"
             )
         found = self.with_causes(*verdict.predicted_with)
-        judgement = verdict.judged.judgement
-        object.__setattr__(found, "experiment", replace(found.experiment, judgement=judgement))
+        experiment = replace(found.experiment, judgement=verdict.judgement)
+        object.__setattr__(found, "experiment", experiment)
         return found
 
     def __repr__(self) -> str:
@@ -204,8 +210,8 @@ class Calibration:
         return self.model.experiment.posterior(self.fit, self.effort, self.seed)
 
     @cached_property
-    def drawn(self) -> Drawn:
-        """Draws from which actuators are predicted, as a run folder keeps them."""
+    def drawn(self) -> Posterior:
+        """Draws from which new specimens are predicted, as a run folder keeps them."""
         return self.model.experiment.drawn(self.fit, self.effort, self.seed)
 
     @property
@@ -245,20 +251,26 @@ class Verdict:
     ----------
     model : Model
         What was judged.
-    judged : Judged
-        What it rests on.
+    document : VerdictRecord
+        The content of ``verdict.json``.
+    judgement : object
+        What it rests on; None where there was nothing to judge.
+    tried : tuple of Cause
+        All causes that were tried.
     seconds : float
         How long it took.
     """
 
     model: Model
-    judged: Judged
+    document: VerdictRecord
+    judgement: Any
+    tried: tuple[Cause, ...]
     seconds: float
 
     @property
     def outcome(self) -> str:
         """``adequate``, ``named``, ``ambiguous``, ``unexplained`` or ``not_judged``."""
-        return str(self.judged.document.outcome)
+        return str(self.document.outcome)
 
     @property
     def causes(self) -> tuple[CauseName, ...]:
@@ -271,14 +283,14 @@ class Verdict:
         return self._named("predicted_with")
 
     def _named(self, key: str) -> tuple[CauseName, ...]:
-        known = {cause.name: cause for cause in self.judged.causes}
-        names: Sequence[str] = getattr(self.judged.document, key)
+        known = {cause.name: cause for cause in self.tried}
+        names: Sequence[str] = getattr(self.document, key)
         return tuple(CauseName(name, known.get(name)) for name in names)
 
     @property
     def explanation(self) -> str:
         """Where the misfit sits, what explains it and how sure that is, in plain words."""
-        return self.judged.document.explanation
+        return self.document.explanation
 
     @property
     def candidates(self) -> pd.DataFrame:
@@ -286,16 +298,14 @@ class Verdict:
 
         ``mean`` to ``unit`` are of the first parameter, which is the size of the cause.
         """
-        return pd.DataFrame(
-            [_row(one) for one in self.judged.document.candidates], columns=_CANDIDATE
-        )
+        return pd.DataFrame([_row(one) for one in self.document.candidates], columns=_CANDIDATE)
 
     def to_dict(self) -> dict[str, object]:
         """Return the content of ``verdict.json``."""
-        return self.judged.document.document()
+        return self.document.document()
 
     def _headline(self) -> str:
-        record = self.judged.document
+        record = self.document
         found = (f"{c} {size_of(record, c, interval=True)}".strip() for c in record.causes)
         said = (" or " if self.outcome == "ambiguous" else ", ").join(found)
         return f"{self.outcome}: {said}".replace(SPACE, " ") if said else self.outcome
@@ -311,7 +321,7 @@ class Verdict:
         return "\n".join([*said, *self._left_out()])
 
     def _left_out(self) -> list[str]:
-        lost = self.judged.document.left_out
+        lost = self.document.left_out
         return [f"left out: {one.stage}. {one.why}" for one in lost]
 
     def _repr_html_(self) -> str:
@@ -422,6 +432,39 @@ class Update:
         head = html.escape(f"{self.folder}: {said}")
         notes = "".join(f"<p>{html.escape(one)}</p>" for one in self.messages)
         return f"<h4>{head}</h4>{notes}{frame}"
+
+
+def write_run(
+    path: Path,
+    base: Calibration,
+    final: Calibration,
+    verdict: Verdict,
+    progress: Progress,
+    executor: Executor | None,
+    *,
+    full: bool,
+) -> Report:
+    """Write a run folder and its page; parameters as of `bayesdeg.report`.
+
+    Raises
+    ------
+    BayesdegError
+        If the calibrations and the verdict do not belong together, or the folder is not free.
+    """
+    experiment, judgement = base.model.experiment, of_final(verdict.judgement, final.fit)
+    settled = judgement is None or judgement.sampled or not final.fit.model.causes
+    results = Results(experiment.assembly, base.fit, (final if settled else base).fit, judgement)
+    guard, clock = Guard(), Clock({"base": base.seconds, "verdict": verdict.seconds})
+    clock.seconds |= {"extended": final.seconds} if final.fit is not base.fit else {}
+    results = with_average(results, Streams.of(base.seed).averaged, guard)
+    study = with_options(experiment.study, base.effort, base.seed)
+    with run_folder(path, study) as folder:
+        work = partial(conclude, progress=progress, executor=executor, guard=guard, full=full)
+        document = work(study, folder, results, clock)
+        page = add_page(folder, document, guard)[1]
+    if page is None:
+        raise BayesdegError(f"{path}: the page could not be made; see left_out.txt there")
+    return Report(path, page)
 
 
 def most_moved(moved: pd.DataFrame, count: int = MOVED) -> pd.DataFrame:

@@ -41,6 +41,7 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.lifetime import life_summary, lifetime_of
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import Streams
 from bayesdeg.prediction.lifetime import Duty
@@ -242,19 +243,19 @@ def buried(number: int) -> list[dict[str, Any]]:
         )
         course = course_of(study, effort, streams.films)
         assert course is not None
-        found = []
+        found, posterior = [], Posterior(fit.model, fit.chain)
         for place in range(EACH):
             duty = duty_of(truth, soil, generator)
             z = generator.standard_normal(2)
             burial = Burial(pieces(soil, 1, generator), float(z[0]), float(z[1]))
             lost, burst = lives(truth, soil, duty, burial)
             life = lifetime_of(
-                *(fit, course.soil(effort.kept), duty, np.arange(0.0, LAST + 0.25, 0.5)),
+                *(posterior, course.soil(effort.kept), duty, np.arange(0.0, LAST + 0.25, 0.5)),
                 seed=np.random.SeedSequence([number, place]),
                 progress=Silent(),
             )
             failed = min(lost, burst)
-            low, middle, high = life_summary(fit, life, duty).failure
+            low, middle, high = life_summary(posterior, life, duty).failure
             share = float(np.interp(min(failed, LAST), life.hours, life.failed.mean(axis=0)))
             found.append(
                 {

@@ -120,7 +120,7 @@ def run(seed: int) -> dict[str, Any]:
     answers = {}
     for title, known in (("g unknown", False), ("g known", True)):
         base = bd.calibrate(asked(gravity_known=known), effort="quick", seed=seed)
-        found = bd.criticise(base, CATALOGUE, effort="standard", seed=seed).judged.judgement
+        found = bd.criticise(base, CATALOGUE, effort="standard", seed=seed).judgement
         priors = {f"{sd:g} 1/m": drag_by_prior(found, sd) for sd in DRAG_SIZES}
         answers[title] = {**summary(found), "drag_by_prior": priors}
     return answers

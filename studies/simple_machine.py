@@ -115,7 +115,7 @@ def run(seed: int) -> dict[str, Any]:
     base, answers = bd.calibrate(asked(seed), effort="quick", seed=seed), {}
     for title, catalogue in CATALOGUES.items():
         verdict = bd.criticise(base, catalogue, effort="standard", seed=seed)
-        found = verdict.judged.judgement
+        found = verdict.judgement
         answers[title] = {**summary(found), "efficiency_without_causes": without_causes(found)}
     return answers
 

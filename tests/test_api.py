@@ -233,16 +233,8 @@ def test_results_show_themselves_as_text_and_as_html(base, verdict):
         assert one._repr_html_().count("<table") == 1
         assert repr(one) == str(one)
     assert "length_error" in str(base)
-    assert (
-        "&lt;"
-        in replace(
-            verdict,
-            judged=replace(
-                verdict.judged,
-                document=verdict.judged.document.model_copy(update={"explanation": "<b>"}),
-            ),
-        )._repr_html_()
-    )
+    document = verdict.document.model_copy(update={"explanation": "<b>"})
+    assert "&lt;" in replace(verdict, document=document)._repr_html_()
 
 
 def test_causes_act_on_inputs_or_are_asked_by_name(base):
@@ -415,7 +407,7 @@ def test_the_falling_ball_comes_to_the_same_figures(ball, gravity_known):
     fit = bd.calibrate(bd.Model([readings], fall, parameters=gravity), effort="quick", seed=1)
     found = bd.criticise(fit, causes=catalogue, effort="standard", seed=1)
     assert (found.outcome, list(found.causes)) == (old["outcome"], old["causes"])
-    new = summary(found.judged.judgement)
+    new = summary(found.judgement)
     assert new["threshold"] == pytest.approx(old["threshold"], rel=1e-9)
     assert new["misfit"] == pytest.approx(old["misfit"], rel=1e-9)
     for one, other in zip(new["fitted"], old["fitted"], strict=True):

@@ -100,7 +100,7 @@ def assert_same(ours, theirs, tolerance=1e-6):
 
 
 def test_criticise_and_run_come_to_the_same_verdict(run, fits):
-    theirs, ours = run.read_verdict(), fits[1].judged.document
+    theirs, ours = run.read_verdict(), fits[1].document
     assert theirs.predicted_with == ("dry_embrittlement", "pressure_offset")
     for name in ("outcome", "causes", "predicted_with", "sets", "rupture_counts", "misfit"):
         assert getattr(ours, name) == getattr(theirs, name), name

@@ -4,7 +4,6 @@ import math
 import sys
 from collections.abc import Mapping, Sequence, Sized
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -18,11 +17,11 @@ from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pipeline import forecast
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.soil import Level
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
 from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.wording import number
 
 Floats = NDArray[np.float64]
@@ -30,9 +29,7 @@ Floats = NDArray[np.float64]
 MOST_ROWS = 5000
 
 
-def stored_run(
-    report: Path, cause: str | None, *, base: bool, emulator: Path | None
-) -> forecast.StoredRun:
+def stored_run(report: Path, cause: str | None, *, base: bool, emulator: Path | None) -> Posterior:
     """Return a finished run as it is asked for: averaged, with one cause, or its base model.
 
     Raises
@@ -181,26 +178,7 @@ def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:
     return {name: column.ravel() for name, column in zip(wanted, grid, strict=True)}
 
 
-class Recorded(Protocol):
-    """What a run folder holds: of actuators, or of a forward map of one's own."""
-
-    @property
-    def name(self) -> str:
-        """The model by its causes."""
-        ...
-
-    @property
-    def run(self) -> RunRecord:
-        """What is recorded of the run."""
-        ...
-
-    @property
-    def verdict(self) -> VerdictRecord:
-        """What was found."""
-        ...
-
-
-def seed_of(stored: Recorded, given: int | None) -> np.random.SeedSequence:
+def seed_of(stored: Posterior, given: int | None) -> np.random.SeedSequence:
     """Return the seed of an answer, as verbs have it: from the user's, or else from the run's."""
     return np.random.SeedSequence([(stored.run.seed or 0) if given is None else given, 1])
 
@@ -224,7 +202,7 @@ class Answer(FileRecord):
 
 
 def print_json(
-    stored: Recorded,
+    stored: Posterior,
     table: pd.DataFrame,
     messages: Sequence[str],
     units: dict[str, str],
@@ -234,7 +212,7 @@ def print_json(
 
     Parameters
     ----------
-    stored : Recorded
+    stored : Posterior
         Of which model and run it is.
     table : DataFrame
         The answer; what is missing becomes null.
@@ -263,7 +241,7 @@ def print_json(
 
 
 def delivered(
-    stored: Recorded,
+    stored: Posterior,
     table: pd.DataFrame,
     messages: Sequence[str],
     units: dict[str, str],
@@ -301,7 +279,7 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
         table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
 
 
-def empty_table(stored: Recorded, headings: Sequence[str], addition: str = "") -> Table:
+def empty_table(stored: Posterior, headings: Sequence[str], addition: str = "") -> Table:
     """Return a table for the terminal that says which model of which run it is of."""
     run = stored.run
     virtual = "; virtual experiment" if run.virtual else ""
@@ -313,7 +291,7 @@ def empty_table(stored: Recorded, headings: Sequence[str], addition: str = "") -
     return table
 
 
-def show_rows(stored: Recorded, table: pd.DataFrame, units: Mapping[str, str]) -> None:
+def show_rows(stored: Posterior, table: pd.DataFrame, units: Mapping[str, str]) -> None:
     """Print a table of numbers, each column with its unit."""
     names = [str(name) for name in table]
     heads = (f"{name}\n[{units[name]}]" if units.get(name) else name for name in names)
@@ -399,7 +377,7 @@ def refuse_others(conditions: ServiceConditions, **given: object) -> None:
 
 
 def answer(
-    stored: Recorded,
+    stored: Posterior,
     table: pd.DataFrame,
     units: dict[str, str],
     *,

@@ -22,10 +22,9 @@ from bayesdeg.commands.answers import (
     stored_run,
 )
 from bayesdeg.console import output, shown
-from bayesdeg.pipeline import forecast, formula
-from bayesdeg.pipeline.forecast import StoredRun
+from bayesdeg.pipeline import forecast, own_forecast
 from bayesdeg.pipeline.output import output_file
-from bayesdeg.pipeline.own_forecast import is_own, read_own
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.prediction.control import Setting
 from bayesdeg.prediction.soil import Level
@@ -83,7 +82,7 @@ def control(
 ) -> None:
     """Do what `interface.control` says."""
     service = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd, temperature)
-    if is_own(report):
+    if own_forecast.is_own(report):
         others = {"curvature": curvature, "degradation": degradation, "hours": hours}
         refuse_others(service, **others, cause=cause)
         _of_own(report, reading or [], x or [], base=base, seed=seed, out=out, as_json=as_json)
@@ -115,7 +114,7 @@ def _asked(curvature: list[str], risk: float, levels: Sequence[Level]) -> Floats
 
 
 def _settings(
-    stored: StoredRun,
+    stored: Posterior,
     levels: Sequence[Level],
     wanted: Floats,
     seed: np.random.SeedSequence,
@@ -137,12 +136,12 @@ def _settings(
         )
 
 
-def _show(stored: StoredRun, found: list[Setting]) -> None:
+def _show(stored: Posterior, found: list[Setting]) -> None:
     time = () if found[0].hours is None else ("soil\n[h]",)
     degrades = stored.run.degrades or any(s.degradation for s in found)
     rate = (RATE,) if degrades else ()
     table = empty_table(stored, (*time, *rate, *HEADINGS), f", risk up to {found[0].risk:g}")
-    checks = forecast.checks_of(stored)
+    checks = stored.checks()
     for s in found:
         burst, low, high = (chance(float(p), checks, short=True) for p in s.probability)
         allowed = f"{s.allowed.pressure:.0f}"
@@ -189,8 +188,8 @@ def _of_own(
     as_json: bool,
 ) -> None:
     """Find the input for a reading with a forward map of one's own."""
-    stored = read_own(report, base=base)
-    block = stored.own.readings[0]
+    stored = own_forecast.read_own(report, base=base)
+    block = own_forecast.own_map(stored).readings[0]
     if not reading:
         raise typer.BadParameter("--reading is missing")
     wanted = numbers(reading, "--reading", block.unit, low=-np.inf, high=np.inf)
@@ -200,6 +199,6 @@ def _of_own(
         first = next(iter(at))
         raise typer.BadParameter(f"give a range of --x {first}, and one value of other inputs")
     out = None if out is None else output_file(out)
-    table = formula.control(stored.own, stored.fit, wanted, at, seed_of(stored, seed))
+    table = own_forecast.control(stored, wanted, at, seed_of(stored, seed))
     units = {"wanted": block.unit, "reached": "", "share": ""}
     answer(stored, table.drop(columns="unit"), units, out=out, as_json=as_json)

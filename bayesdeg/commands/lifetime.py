@@ -17,8 +17,7 @@ from bayesdeg.commands.answers import (
     stored_run,
 )
 from bayesdeg.console import output, shown
-from bayesdeg.pipeline import forecast
-from bayesdeg.pipeline.forecast import StoredRun
+from bayesdeg.pipeline import forecast, own_forecast
 from bayesdeg.pipeline.lifetime import (
     default_hours,
     life_summary,
@@ -27,7 +26,7 @@ from bayesdeg.pipeline.lifetime import (
     said_of_life,
 )
 from bayesdeg.pipeline.output import output_file
-from bayesdeg.pipeline.own_forecast import is_own
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.report import tables as columns
@@ -75,7 +74,7 @@ def lifetime(
     quiet: bool,
 ) -> None:
     """Do what `interface.lifetime` says."""
-    if is_own(report):
+    if own_forecast.is_own(report):
         raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
     duty, times = _duty(pressure, curvature, risk), _times(hours)
     service = ServiceConditions(hold_s, cycle, branch, humidity, mount, temperature_c=temperature)
@@ -122,11 +121,11 @@ def _times(hours: list[str] | None) -> Floats | None:
     return times
 
 
-def _show(stored: StoredRun, table: pd.DataFrame, summary: str) -> None:
+def _show(stored: Posterior, table: pd.DataFrame, summary: str) -> None:
     duty = table.iloc[0]
     asked = f", {duty['wanted_per_m']:g} 1/m at {duty['pressure_kPa']:g} kPa, risk {duty['risk']:g}"
     printed = empty_table(stored, HEADINGS, asked)
-    checks = forecast.checks_of(stored)
+    checks = stored.checks()
     for row in table.to_dict("records"):
         burst, failed, low, high = (
             chance(row[name], checks, short=True) for name in SHOWN_PROBABILITIES

@@ -21,10 +21,9 @@ from bayesdeg.commands.answers import (
     stored_run,
 )
 from bayesdeg.console import output, shown
-from bayesdeg.pipeline import forecast, formula
-from bayesdeg.pipeline.forecast import StoredRun
+from bayesdeg.pipeline import forecast, own_forecast
 from bayesdeg.pipeline.output import output_file
-from bayesdeg.pipeline.own_forecast import is_own, read_own
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.report.wording import chance, interval, number
 
@@ -62,7 +61,7 @@ def predict(
 ) -> None:
     """Do what `interface.predict` says."""
     service = ServiceConditions(hold_s, cycle, branch, humidity, mount, degradation_sd, temperature)
-    if is_own(report):
+    if own_forecast.is_own(report):
         others = {"pressure": pressure, "degradation": degradation, "hours": hours}
         refuse_others(service, **others, cause=cause)
         _of_own(report, x or [], base=base, seed=seed, out=out, as_json=as_json)
@@ -86,14 +85,14 @@ def predict(
             _show(run, table[names == name])
 
 
-def _show(stored: StoredRun, table: pd.DataFrame) -> None:
+def _show(stored: Posterior, table: pd.DataFrame) -> None:
     kappas = (f"κ {name}\n[1/m]" for name in forecast.BAND_COLUMNS)
     time = ("soil\n[h]",) if forecast.TIME in table else ()
     degrades = stored.run.degrades or bool(table["degradation_pct"].any())
     rate = ("D_R\n[%]",) if degrades else ()
     headings = (*time, *rate, "pressure\n[kPa]", *kappas, *RUPTURE_HEADINGS)
     shown_table = empty_table(stored, headings)
-    checks = forecast.checks_of(stored, forecast.RUPTURE_DRAWS)
+    checks = stored.checks(forecast.RUPTURE_DRAWS)
     last = None
     for row in table.to_dict("records"):
         place = [f"{row[name]:g}" for name in (forecast.TIME,) if name in row]
@@ -122,10 +121,10 @@ def _of_own(
     report: Path, x: list[str], *, base: bool, seed: int | None, out: Path | None, as_json: bool
 ) -> None:
     """Predict with a forward map of one's own."""
-    stored = read_own(report, base=base)
-    block = stored.own.readings[0]
+    stored = own_forecast.read_own(report, base=base)
+    block = own_forecast.own_map(stored).readings[0]
     at = inputs_of(x, list(block.x))
     out = None if out is None else output_file(out)
-    table = formula.predict(stored.own, stored.fit, at, seed_of(stored, seed))
+    table = own_forecast.predict(stored, at, seed_of(stored, seed))
     units = dict.fromkeys(("mean", "sd", *forecast.BAND_COLUMNS), block.unit)
     answer(stored, table.drop(columns="unit"), units, out=out, as_json=as_json)

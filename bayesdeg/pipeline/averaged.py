@@ -6,7 +6,6 @@ their evidence, are draws of one model, and every prediction from them is the av
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,8 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.pipeline.posterior import Posterior
+from bayesdeg.report.record import MemberEntry
 
 Floats = NDArray[np.float64]
 
@@ -29,58 +30,16 @@ DRAWS = 4000
 leading cause of an implausible size, has 10."""
 
 
-class Member(NamedTuple):
-    """One of the sets of causes.
-
-    Parameters
-    ----------
-    causes : tuple of str
-        In the order of the alphabet.
-    probability : float
-        Among the sets that cannot be told apart [–].
-    """
-
-    causes: tuple[str, ...]
-    probability: float
+def stored_form(posterior: Posterior) -> xr.DataTree:
+    """Return averaged draws as a run folder holds them, with the member of each draw."""
+    flat = posterior.chain.vectors.reshape(-1, posterior.chain.vectors.shape[-1])
+    dims, values = ("chain", "draw"), posterior.model.table.named(flat)
+    draws = xr.Dataset({name: (dims, drawn[None]) for name, drawn in values.items()})
+    stats = xr.Dataset({"member": (dims, posterior.number[None])})
+    return xr.DataTree.from_dict({"posterior": draws, "sample_stats": stats})
 
 
-@dataclass(frozen=True)
-class Averaged:
-    """Draws over several sets of causes.
-
-    Parameters
-    ----------
-    model : JointModel
-        With all of the causes.
-    vectors : array, shape (n, n_parameters)
-        Draws, in which the causes of other sets are neutral.
-    number : array, shape (n,)
-        Of the member that each draw is of.
-    members : tuple of Member
-        The set of the final model first.
-    """
-
-    model: JointModel
-    vectors: Floats
-    number: NDArray[np.int64]
-    members: tuple[Member, ...]
-
-    @property
-    def chain(self) -> Chain:
-        """The draws as a single chain, as a run folder holds them."""
-        vectors = self.vectors[None, :, None, :]
-        return Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(1))
-
-    def tree(self) -> xr.DataTree:
-        """Return the draws as they are stored: ``posterior``, and ``sample_stats`` with members."""
-        values = self.model.table.named(self.vectors)
-        dims = ("chain", "draw")
-        posterior = xr.Dataset({name: (dims, drawn[None]) for name, drawn in values.items()})
-        stats = xr.Dataset({"member": (dims, self.number[None])})
-        return xr.DataTree.from_dict({"posterior": posterior, "sample_stats": stats})
-
-
-def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -> Averaged | None:
+def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -> Posterior | None:
     """Return draws over the causes that cannot be told apart; None where there is one set only.
 
     Members are the sets that may be right, of those that were fitted. Where a cause of the readings
@@ -112,8 +71,12 @@ def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -
     ]
     order = generator.permutation(np.sum(counts))  # so that the first of them are of all members
     number = np.repeat(np.arange(len(sets)), counts)
-    members = tuple(Member(n, float(p)) for n, p in zip(sets, shares, strict=True))
-    return Averaged(whole, np.concatenate(drawn)[order], number[order], members)
+    members = tuple(
+        MemberEntry(causes=n, probability=float(p)) for n, p in zip(sets, shares, strict=True)
+    )
+    vectors = np.concatenate(drawn)[order][None, :, None, :]
+    chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(1))
+    return Posterior(whole, chain, members=members, number=number[order])
 
 
 class _Other(NamedTuple):

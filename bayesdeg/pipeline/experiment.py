@@ -5,7 +5,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,49 +28,34 @@ from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.inference.tree import to_datatree
-from bayesdeg.pipeline import forecast, formula
 from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
-from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
-from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.films import course_of
-from bayesdeg.pipeline.forecast import Caution, Drawn, model_document
-from bayesdeg.pipeline.formula import DrawnFormula, OwnMap, cause_of, probe
+from bayesdeg.pipeline.forecast import NO_COURSE
+from bayesdeg.pipeline.formula import OwnMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, extended_model, with_sampled_sizes
-from bayesdeg.pipeline.lifetime import (
-    allowed_at_ends,
-    default_hours,
-    life_summary,
-    life_table,
-    lifetime_of,
-)
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.output import run_folder
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import Results, forward_map_of, in_doubt, verdict_of
 from bayesdeg.pipeline.run import (
-    Clock,
     Streams,
-    add_page,
     can_be_judged,
-    conclude,
     judged_fit,
     judged_with_suspects,
     with_average,
     with_counts,
-    with_options,
 )
+from bayesdeg.pipeline.run_record import model_of
 from bayesdeg.pipeline.suspects import assemble_screened
-from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
-from bayesdeg.prediction.lifetime import Duty
-from bayesdeg.prediction.soil import Level, Soil
+from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.headline import forward_map_words
 from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import ModelEntry, VerdictRecord
+from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.tables import ALL_LEVELS
 
 Floats = NDArray[np.float64]
@@ -79,43 +63,6 @@ Floats = NDArray[np.float64]
 MOST_OF_ONE_LEVEL = 2  # rows of a model: its one level, and all of them pooled
 SCORED_FIRST = ("model", "level", "elpd", "elpd_se", "elpd_diff", "elpd_diff_se", "rmse", "crps")
 SCORED_ELSE = ("rmse_per_m", "crps_per_m")
-
-
-@dataclass(frozen=True)
-class Judged:
-    """What a verdict is made of.
-
-    Parameters
-    ----------
-    document : VerdictRecord
-        The content of ``verdict.json``.
-    causes : tuple of Cause
-        All that were tried.
-    judgement : object
-        What it rests on; None where there was nothing to judge.
-    """
-
-    document: VerdictRecord
-    causes: tuple[Cause, ...]
-    judgement: Any = None
-
-
-@dataclass(frozen=True)
-class Written:
-    """A calibration as a report takes it.
-
-    Parameters
-    ----------
-    fit : Fit
-        The calibration.
-    effort, seed, seconds
-        How it was made, and how long it took [s].
-    """
-
-    fit: Any
-    effort: Effort
-    seed: int
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -308,8 +255,11 @@ class ModelledExperiment:
 
     def judge(
         self, fit: Fit, effort: Effort, seed: int, progress: Progress, executor: Executor | None
-    ) -> Judged:
+    ) -> tuple[VerdictRecord, Judgement | None]:
         """Judge the base model; the same as ``bayesdeg run`` with the same seed.
+
+        Returns the content of ``verdict.json``, and what it rests on; None where there was nothing
+        to judge.
 
         Raises
         ------
@@ -337,8 +287,7 @@ class ModelledExperiment:
             results = judged_with_suspects(*asked)
         residual = _residual(fit, streams.drawing)
         doubted = dict(in_doubt(self.study, results)) | {"left_out": guard.entries()}
-        document = verdict_of(results, residual, "", guard).model_copy(update=doubted)
-        return Judged(document, self.assembly.causes, judgement)
+        return verdict_of(results, residual, "", guard).model_copy(update=doubted), judgement
 
     def trial(self, fit: Fit) -> Trial:
         """Return the calibration as what groups of readings can be left out of."""
@@ -359,81 +308,6 @@ class ModelledExperiment:
         plain = rows.rename(columns={"degradation_pct": "level"}).reset_index(drop=True)
         return plain[[*SCORED_FIRST, *(n for n in plain if n not in (*SCORED_FIRST, *SCORED_ELSE))]]
 
-    def predict(
-        self,
-        drawn: Drawn,
-        seed: int,
-        progress: Progress,
-        *,
-        pressure: Floats,
-        levels: Sequence[Level],
-        conditions: ServiceConditions = PROMPT,
-    ) -> pd.DataFrame:
-        """Return curvature bands and rupture probabilities of a new specimen."""
-        if self.own is not None:
-            raise BayesdegError("a model with a forward map of its own is asked at x=...")
-        return forecast.predict(
-            drawn,
-            levels,
-            pressure,
-            seed=np.random.SeedSequence([seed, 1]),
-            progress=progress,
-            conditions=conditions,
-        )
-
-    def control(
-        self,
-        drawn: Drawn,
-        seed: int,
-        progress: Progress,
-        *,
-        curvature: Floats,
-        levels: Sequence[Level],
-        max_risk: float,
-        conditions: ServiceConditions = PROMPT,
-        beyond: bool = False,
-    ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-        """Return the pressure for each curvature at each degradation rate, and what bounds it."""
-        if self.own is not None:
-            raise BayesdegError(
-                "a model with a forward map of its own has no curvature and no pressure: ask "
-                "control(fit, reading=..., x=...)"
-            )
-        experience = experience_of(self._document)
-        found = forecast.settings(
-            drawn,
-            levels,
-            curvature,
-            risk=max_risk,
-            seed=np.random.SeedSequence([seed, 1]),
-            progress=progress,
-            conditions=conditions,
-            experience=None if beyond else experience,
-        )
-        allowed, strong = forecast.allowed_by_rate(found), drawn.model.has_elongation
-        said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
-        return forecast.settings_table(found), said
-
-    def predict_own(self, fit: Fit, effort: Effort, seed: int, x: Any) -> pd.DataFrame:
-        """Return what a new specimen would show at x, without reading error."""
-        return formula.predict(
-            *self._of_own(fit, effort, "pressure=... and degradation=..."),
-            x,
-            np.random.SeedSequence([seed, 1]),
-        )
-
-    def control_own(
-        self, fit: Fit, effort: Effort, seed: int, wanted: Floats, x: Any
-    ) -> pd.DataFrame:
-        """Return the input at which the reading is as wanted."""
-        asked = self._of_own(fit, effort, "curvature=... and degradation=...")
-        return formula.control(*asked, wanted, x, np.random.SeedSequence([seed, 1]))
-
-    def _of_own(self, fit: Fit, effort: Effort, ask: str) -> tuple[OwnMap, DrawnFormula]:
-        if self.own is None:
-            raise BayesdegError(f"a model of a study is asked at {ask}")
-        return self.own, DrawnFormula(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
-
     def soil(self, effort: Effort, seed: int, progress: Progress) -> Soil:
         """Return the course of degradation as ``bayesdeg run`` finds it with the same seed.
 
@@ -445,105 +319,32 @@ class ModelledExperiment:
         progress.stage("course of degradation")
         course = course_of(self.study, EFFORTS[effort], Streams.of(seed).films)
         if course is None:
-            raise BayesdegError(forecast.NO_COURSE)
+            raise BayesdegError(NO_COURSE)
         return course.soil(EFFORTS[effort].kept)
 
-    def lifetime(
-        self,
-        drawn: Drawn,
-        soil: Soil,
-        seed: int,
-        progress: Progress,
-        duty: Duty,
-        hours: Floats | None,
-        conditions: ServiceConditions,
-        *,
-        beyond: bool,
-    ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-        """Return what becomes of actuators in the soil, and what a user should know."""
-        times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
-        experience = experience_of(self._document)
-        life = lifetime_of(
-            *(drawn, soil, duty, times),
-            seed=np.random.SeedSequence([seed, 1]),
-            progress=progress,
-            conditions=conditions,
-            experience=None if beyond else experience,
-        )
-        table, summary = life_table(drawn, life, duty), life_summary(drawn, life, duty)
-        table.attrs.update(summary.facts, summary=str(summary))
-        at, levels = np.array([duty.pressure]), soil.levels(times[[0, -1]])
-        allowed, strong = allowed_at_ends(life, levels), drawn.model.has_elongation
-        said = forecast.basis(experience, allowed, beyond=beyond, strong=strong)
-        return table, (*self.cautions(drawn, levels, at, conditions), *said)
-
-    def cautions(
-        self, drawn: Drawn, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
-    ) -> tuple[str, ...]:
-        """Say what is averaged, what lies outside of what was measured, and what moves nothing."""
-        ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
-        members = drawn.members if isinstance(drawn, Averaged) else ()
-        averaged = Caution("averaged", {"members": members, "by_command": False})
-        return (
-            *((str(averaged),) if members else ()),
-            *forecast.extrapolations(ranges, rates, pressure),
-            *forecast.hours_beyond(ranges, levels),
-            *forecast.unanswered_conditions(drawn, rates, conditions),
-        )
-
-    @property
-    def _document(self) -> ModelEntry:
-        return model_document(self.assembly.model, self.study)
-
-    def drawn(self, fit: Fit, effort: Effort, seed: int) -> Drawn:
+    def drawn(self, fit: Fit, effort: Effort, seed: int) -> Posterior:
         """Return the draws from which a run folder predicts.
 
         They are over all sets of causes that the verdict could not tell apart, if the model is
         that of a verdict; `effort` and `seed` are those of the calibration.
+
+        Raises
+        ------
+        BayesdegError
+            If the study says nothing of how actuators bend.
         """
+        kept = fit.chain.thinned(EFFORTS[effort].kept)
+        if self.own is not None:
+            return Posterior(fit.model, kept, own=self.own)
         if fit.model.forward is None:
             raise BayesdegError(
                 f"{self.study.name} has no readings of actuators, so its posterior does not say "
                 "how an actuator bends; add actuator.csv to the study"
             )
-        final = Results(self.assembly, fit, fit, _of_final(self.judgement, fit))
+        final = Results(self.assembly, fit, fit, of_final(self.judgement, fit))
         averaged = with_average(final, Streams.of(seed).averaged, Guard(strict=True)).averaged
-        return averaged or replace(fit, chain=fit.chain.thinned(EFFORTS[effort].kept))
-
-    def write(
-        self,
-        path: Path,
-        base: Written,
-        final: Written,
-        judged: tuple[Judged, float] | None,
-        progress: Progress,
-        executor: Executor | None,
-        *,
-        full: bool,
-    ) -> Path:
-        """Write the run folder and its page; return the page.
-
-        Raises
-        ------
-        BayesdegError
-            If the calibrations and the verdict do not belong together, or the folder is not free.
-        """
-        judgement = None if judged is None else _of_final(judged[0].judgement, final.fit)
-        settled = judgement is None or judgement.sampled or not final.fit.model.causes
-        fit = final.fit if settled else base.fit
-        results = Results(self.assembly, base.fit, fit, judgement)
-        study = with_options(self.study, base.effort, base.seed)
-        guard, clock = Guard(), Clock({"base": base.seconds})
-        clock.seconds |= {"verdict": judged[1]} if judged else {}
-        clock.seconds |= {"extended": final.seconds} if final.fit is not base.fit else {}
-        results = with_average(results, Streams.of(base.seed).averaged, guard)
-        with run_folder(path, study) as folder:
-            work = partial(conclude, progress=progress, executor=executor, guard=guard, full=full)
-            document = work(study, folder, results, clock)
-            page = add_page(folder, document, guard)[1]
-        if page is None:
-            raise BayesdegError(f"{path}: the page could not be made; see left_out.txt there")
-        return page
+        tested = model_of(self.assembly.model, fit.model, self.study)
+        return replace(averaged or Posterior(fit.model, kept), tested=tested)
 
 
 def _is_ours(cause: Cause) -> bool:
@@ -579,7 +380,7 @@ def _residual(fit: Fit, seed: np.random.SeedSequence) -> Floats | None:
     return fit.model.actuator.curvature - found.mean
 
 
-def _of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
+def of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
     """Return a judgement with the sizes that the final model's posterior gives to its causes.
 
     Raises

@@ -4,7 +4,6 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -40,17 +39,16 @@ from bayesdeg.observations.specimens import (
     node_name,
 )
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.pipeline.experience import Experience, bursts_of, experience_of
+from bayesdeg.pipeline.experience import Experience, bursts_of
+from bayesdeg.pipeline.posterior import Posterior, Range
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import Setting, control, largest_allowed
 from bayesdeg.prediction.predictive import (
-    DRAWS,
     QUANTILES,
     Specimens,
     curvature_bands,
     draw_specimens,
-    fewest_checks,
     moving_nothing,
     not_below,
     respond,
@@ -68,105 +66,16 @@ from bayesdeg.report.folder import (
     POSTERIOR_COURSE,
     RunFolder,
 )
-from bayesdeg.report.record import MemberEntry, ModelEntry, RunRecord, VerdictRecord
+from bayesdeg.report.record import MemberEntry, ModelEntry, RunRecord
 from bayesdeg.report.wording import SPACE, sentences
 
 Floats = NDArray[np.float64]
-Range = tuple[float, float]
 
 # beginnings of names of what can only be above 0
 _CONSTANTS = ("c1", "c2_ratio", "c3")
 _CONTROLS = tuple(f"{name}_{kind}_" for name in _CONSTANTS for kind in ("at", "control"))
 _ELONGATION = "elongation"
 _POSITIVE = (PAPER_STIFFNESS, "volume_ratio", "c1_", "c3_", f"{_ELONGATION}_at_")
-
-
-@dataclass(frozen=True)
-class StoredRun:
-    """What a run folder holds of a calibrated model.
-
-    Parameters
-    ----------
-    model : JointModel
-        Predicts; its priors are flat and its data are left out, so it cannot be calibrated.
-    chain : Chain
-        The draws that were kept.
-    measured : mapping of str to (float, float)
-        Ranges of ``pressure_kPa`` and ``degradation_pct`` of the actuators that were read, and of
-        ``film_degradation_pct``; what was not measured is not there.
-    run, verdict : RunRecord, VerdictRecord
-        What is recorded of the run.
-    specimens : int
-        Films broken and actuators loaded; 0 if that is not recorded.
-    members : tuple of MemberEntry
-        Sets of causes over which the draws are averaged; none where they are of one set.
-    number : array, shape (n,)
-        Of the member that each draw is of.
-    """
-
-    model: JointModel
-    chain: Chain
-    measured: Mapping[str, Range]
-    run: RunRecord
-    verdict: VerdictRecord
-    specimens: int = 0
-    members: tuple[MemberEntry, ...] = ()
-    number: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-
-    @property
-    def name(self) -> str:
-        """The model by its causes: ``base``, ``base+creep``, ``base+creep or base+mullins``."""
-        own = tuple(cause.name for cause in self.model.causes)
-        sets = [m.causes for m in self.members] or [own]
-        return " or ".join("+".join(["base", *causes]) for causes in sets)
-
-    @property
-    def each(self) -> tuple["StoredRun", ...]:
-        """The run by each set of causes over which it is averaged; none where there is one."""
-        several = len(self.members) > 1
-        return tuple(self._only([k]) for k in range(len(self.members)) if several)
-
-    def with_cause(self, name: str) -> "StoredRun":
-        """Return the run by those sets of causes that have one.
-
-        Raises
-        ------
-        BayesdegError
-            If none has, or all have.
-        """
-        known = sorted({c for m in self.members for c in m.causes if not self._is_shared(c)})
-        if name not in known:
-            listed = f"give one of {', '.join(known)}" if known else "leave out --cause"
-            raise BayesdegError(
-                f"--cause {name} is none of the causes that the run could not tell apart; {listed}"
-            )
-        return self._only([k for k, m in enumerate(self.members) if name in m.causes])
-
-    def _is_shared(self, cause: str) -> bool:
-        return all(cause in m.causes for m in self.members)
-
-    def _only(self, numbers: list[int]) -> "StoredRun":
-        """Return the run by some of the members, rising; causes that only others have are gone."""
-        members = tuple(self.members[k] for k in numbers)
-        model, kept = _with_causes_of(self.model, members), np.isin(self.number, numbers)
-        columns = [self.model.table.names.index(name) for name in model.table.names]
-        only = replace(
-            self.chain,
-            vectors=self.chain.vectors[:, kept][..., columns],
-            log_prob=self.chain.log_prob[:, kept],
-        )
-        number = np.searchsorted(numbers, self.number[kept])
-        return replace(self, model=model, chain=only, members=members, number=number)
-
-    @property
-    def experience(self) -> Experience:
-        """How far actuators were tested, and where they burst."""
-        return experience_of(self.run.model or ModelEntry())
-
-
-def _with_causes_of(model: JointModel, members: Sequence[MemberEntry]) -> JointModel:
-    names = {name for member in members for name in member.causes}
-    return replace(model, causes=tuple(cause for cause in model.causes if cause.name in names))
 
 
 def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
@@ -209,15 +118,9 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     )
 
 
-def ranges_of(entry: ModelEntry) -> dict[str, Range]:
-    """Return the ranges of what was measured, by name; what is not known is left out."""
-    found = {name: [n for n in ends if n is not None] for name, ends in entry.measured.items()}
-    return {name: (float(ends[0]), float(ends[-1])) for name, ends in found.items() if ends}
-
-
 def read_stored(
     path: Path, *, base: bool = False, emulator: Path | None = None, cache: Path = CACHE
-) -> StoredRun:
+) -> Posterior:
     """Read a finished run's posterior, and rebuild the model that it is of.
 
     Parameters
@@ -264,16 +167,16 @@ def read_stored(
             )
         model = _model(run.model, draws, emulator_of(folder, run, emulator, cache))
         _refuse_other_members(members, model)
-        measured = {name: (_known(n)[0], _known(n)[-1]) for name, n in run.model.measured.items()}
+        for ends in run.model.measured.values():
+            _known(ends)
     except (RecordError, BayesdegError) as fault:
         raise BayesdegError(f"{path}: {fault}") from fault
     vectors = np.stack([draws[name] for name in model.table.names], axis=-1)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
-    tested = int(run.model.rupture_checks or 0)
-    number = np.empty(0, np.int64)
-    if members:
-        number = _numbers(tree, vectors.shape[:2], len(members), path)
-    return StoredRun(model, chain, measured, run, verdict, tested, members, number)
+    found = Posterior(model, chain, tested=run.model, members=members, run=run, verdict=verdict)
+    if not members:
+        return found
+    return replace(found, number=_numbers(tree, vectors.shape[:2], len(members), path))
 
 
 def bends_actuators(parameters: Iterable[str]) -> bool:
@@ -533,36 +436,16 @@ ROUNDING = 1e-6  # of probabilities that add up to 1
 POINT = 1.0  # by which a degradation rate may lie outside of what was measured [%]
 
 
-def checks_of(stored: "Drawn", draws: int = DRAWS) -> int:
-    """Return N, one in which is the least probability of rupture that a run knows of."""
-    tested = stored.specimens if isinstance(stored, StoredRun) else specimens_tested(stored.model)
-    return fewest_checks(tested, draws)
-
-
-class Drawn(Protocol):
-    """A model and draws of its posterior: of a calibration, or as a run folder holds them."""
-
-    @property
-    def model(self) -> JointModel:
-        """Predicts."""
-        ...
-
-    @property
-    def chain(self) -> Chain:
-        """The draws."""
-        ...
-
-
 MODEL = "model"
 AVERAGE = "average"
 
 
-def by_each(stored: StoredRun, predicted: Callable[[StoredRun], pd.DataFrame]) -> pd.DataFrame:
+def by_each(stored: Posterior, predicted: Callable[[Posterior], pd.DataFrame]) -> pd.DataFrame:
     """Return what is predicted on average over causes that cannot be told apart, then by each.
 
     Parameters
     ----------
-    stored : StoredRun
+    stored : Posterior
         A finished run.
     predicted : callable
         Returns a table of a run, from the same random numbers each time.
@@ -583,7 +466,7 @@ def by_each(stored: StoredRun, predicted: Callable[[StoredRun], pd.DataFrame]) -
 
 
 def predict(
-    stored: Drawn,
+    stored: Posterior,
     levels: Sequence[Level],
     pressure: Floats,
     *,
@@ -595,8 +478,7 @@ def predict(
 
     Parameters
     ----------
-    stored : Drawn
-        JointModel and posterior.
+    stored : Posterior
     levels : sequence of Level
         Degradation rates, known or after a time in the soil, see `levels_at`.
     pressure : array
@@ -645,7 +527,7 @@ def _with_time(table: pd.DataFrame, level: Level) -> pd.DataFrame:
 
 
 def _predicted(
-    stored: Drawn,
+    stored: Posterior,
     specimens: Specimens,
     level: Level,
     pressure: Floats,
@@ -669,7 +551,7 @@ def _predicted(
             degradation=level.column(RUPTURE_DRAWS),
             pressure=pressure,
             draws=RUPTURE_DRAWS,
-            specimens=checks_of(stored, RUPTURE_DRAWS),
+            specimens=stored.checks(RUPTURE_DRAWS),
             conditions=conditions,
         )
         table[list(PROBABILITY_COLUMNS)] = rupture[list(PROBABILITY_COLUMNS)]
@@ -755,7 +637,7 @@ COURSE_STREAM = 3  # of the seed: draws of the course are independent of all oth
 
 
 def settings(
-    stored: Drawn,
+    stored: Posterior,
     levels: Sequence[Level],
     wanted: Floats,
     *,
@@ -769,8 +651,7 @@ def settings(
 
     Parameters
     ----------
-    stored : Drawn
-        JointModel and posterior.
+    stored : Posterior
     levels : sequence of Level
         Degradation rates, see `levels_at`.
     wanted : array
@@ -788,7 +669,7 @@ def settings(
     """
     generator = np.random.default_rng(seed)
     specimens = draw_specimens(stored.model, stored.chain, generator, conditions=conditions)
-    first, checks = stored.model.largest_pressure, checks_of(stored)
+    first, checks = stored.model.largest_pressure, stored.checks()
     progress.stage("finding pressures", total=len(levels))
     found = []
     for level in levels:
@@ -894,7 +775,7 @@ class Caution:
 
 
 def unanswered_conditions(
-    stored: Drawn, degradation: Floats, conditions: ServiceConditions
+    stored: Posterior, degradation: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
     """Say which conditions move nothing that is predicted; parameters of `predict`."""
     ends = np.unique(degradation[[0, -1]])
@@ -922,7 +803,7 @@ def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tupl
     Parameters
     ----------
     measured : mapping
-        As in `bayesdeg.pipeline.forecast.StoredRun`.
+        As in `bayesdeg.pipeline.posterior.Posterior.measured`.
     levels : sequence of Level
         Degradation rates.
     """
@@ -933,7 +814,7 @@ def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tupl
 
 
 def said_of(
-    stored: StoredRun, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
+    stored: Posterior, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
     """Say what a user of predictions at these levels and pressures should know."""
     rates = rates_of(levels)
@@ -945,7 +826,7 @@ def said_of(
 
 
 def said_of_settings(
-    stored: StoredRun,
+    stored: Posterior,
     levels: Sequence[Level],
     found: Sequence[Setting],
     conditions: ServiceConditions,
@@ -962,13 +843,12 @@ def said_of_settings(
     )
 
 
-def warnings(stored: StoredRun, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
+def warnings(stored: Posterior, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
     """Say what a user of predictions at these places should know.
 
     Parameters
     ----------
-    stored : StoredRun
-        JointModel and posterior, and what was measured.
+    stored : Posterior
     degradation : array
         [%].
     pressure : array
@@ -985,7 +865,7 @@ def extrapolations(
     Parameters
     ----------
     measured : mapping
-        As in `bayesdeg.pipeline.forecast.StoredRun`.
+        As in `bayesdeg.pipeline.posterior.Posterior.measured`.
     degradation, pressure : array
         [%] and [kPa].
 
@@ -1002,9 +882,9 @@ def extrapolations(
     return tuple(map(str, found))
 
 
-def small_risk(stored: StoredRun, risk: float) -> tuple[str, ...]:
+def small_risk(stored: Posterior, risk: float) -> tuple[str, ...]:
     """Say so where a risk is smaller than any probability that the specimens can support."""
-    checks = checks_of(stored)
+    checks = stored.checks()
     if not stored.model.has_elongation or risk * checks >= 1.0:
         return ()
     return (str(Caution("small_risk", {"risk": risk, "checks": checks})),)
@@ -1032,15 +912,19 @@ def _beyond_rates(measured: Mapping[str, Range], degradation: Floats) -> Iterato
             yield Caution("rates_beyond", facts)
 
 
-def _about_model(stored: StoredRun) -> Iterator[str]:
+def _about_model(stored: Posterior) -> Iterator[str]:
     """Yield what the run itself says of the model that predicts."""
+    if not stored.is_stored:
+        if stored.members:
+            yield str(Caution("averaged", {"members": stored.members, "by_command": False}))
+        return
     convergence = stored.run.convergence.get("final" if stored.model.causes else "base")
     if convergence is not None and not convergence.usable:
         yield convergence.sentence
     yield from map(str, doubts_of_run(stored))
 
 
-def doubts_of_run(stored: StoredRun) -> Iterator[Caution]:
+def doubts_of_run(stored: Posterior) -> Iterator[Caution]:
     """Yield what the verdict and the data of a run leave open."""
     if stored.verdict.outcome == "unexplained":
         yield Caution("unexplained")

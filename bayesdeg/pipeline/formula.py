@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from bayesdeg.causes.cause import Cause, Effect
 from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
-from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations import readings as flat
 from bayesdeg.observations.kinds import Places, Scale, joined_places
 from bayesdeg.observations.readings import Formula, places_of
@@ -30,8 +29,6 @@ Forward = Callable[[dict[str, Floats], Any], ArrayLike]
 SHARE_OF_SPREAD = 0.5
 """Scale of the default prior of a reading error, of the standard deviation of all readings: 95 % of
 it is then below the error that a model which explains nothing would leave."""
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-PREDICTIVE = 2000  # draws
 #: What Python and numpy say of a function for single numbers that is given arrays.
 _ON_ARRAYS = re.compile(
     "can be converted to Python scalars|cannot convert the series to|truth value of an? "
@@ -98,10 +95,10 @@ class Readings:
     def __post_init__(self) -> None:
         """Bring readings to arrays, and refuse what does not go together."""
         y = np.asarray(self.y, dtype=np.float64)
-        x = _inputs(self.x)
+        x = as_inputs(self.x)
         if y.ndim != 1 or not len(y) or not np.all(np.isfinite(y)):
             raise BayesdegError(f"{self.name}: y must be finite numbers along one axis")
-        counts = {np.shape(column)[:1] for _, column in _columns(x)}
+        counts = {np.shape(column)[:1] for _, column in columns_of(x)}
         if counts != {y.shape}:
             rows = ", ".join(f"{count[0]} rows" if count else "a single number" for count in counts)
             raise BayesdegError(f"{self.name}: x has {rows}, and y has {len(y)} readings")
@@ -155,7 +152,7 @@ class Readings:
     @property
     def places(self) -> Places:
         """Where the readings stand."""
-        column = next(column for _, column in _columns(self.x))
+        column = next(column for _, column in columns_of(self.x))
         along = np.asarray(column, dtype=np.float64).reshape(len(self.y), -1)[:, 0]
         own = [f"{self.name} {number}" for number in range(1, len(self.y) + 1)]
         specimen = own if self.specimen is None else np.asarray(self.specimen).astype(np.str_)
@@ -171,17 +168,17 @@ class Readings:
     @property
     def scale(self) -> Scale:
         """Unit of the readings, and what they are drawn against."""
-        return Scale(self.unit, next(name for name, _ in _columns(self.x)), self.level_unit)
+        return Scale(self.unit, next(name for name, _ in columns_of(self.x)), self.level_unit)
 
 
-def _inputs(x: Any) -> Any:
+def as_inputs(x: Any) -> Any:
     """Return inputs as arrays of numbers, in the form in which they were given."""
     if isinstance(x, Mapping):
         return {str(name): np.asarray(column, dtype=np.float64) for name, column in x.items()}
     return x if isinstance(x, pd.DataFrame) else np.asarray(x, dtype=np.float64)
 
 
-def _columns(x: Any) -> Iterator[tuple[str, Any]]:
+def columns_of(x: Any) -> Iterator[tuple[str, Any]]:
     """Yield the inputs by their names; one without a name is x."""
     if isinstance(x, (Mapping, pd.DataFrame)):
         yield from ((str(name), x[name]) for name in x)
@@ -270,12 +267,11 @@ class OwnMap:
         except ValueError as fault:
             raise BayesdegError(str(fault)) from fault
 
-    def at(self, fit: "DrawnFormula", block: Readings, x: Any) -> tuple[Readings, JointModel]:
-        """Return readings of a kind at other inputs, and a calibrated model of them."""
+    def at(self, model: JointModel, block: Readings, x: Any) -> JointModel:
+        """Return a model, of which this is the forward map, of one kind of readings at other x."""
         plain: dict[str, Any] = {"specimen": None, "level": 0.0, "time": np.nan, "history": "once"}
         at = replace(block, x=x, y=np.zeros(_count(x)), error=1.0, scatter=False, **plain)
-        alone = replace(self, readings=(at,)).model(fit.model.base)
-        return at, alone.extended(*fit.model.causes)
+        return replace(self, readings=(at,)).model(model.base).extended(*model.causes)
 
     def _predicted(self, asked: _Asked, conditions: tuple[Any, ...]) -> tuple[Floats, ...]:
         found = []
@@ -305,7 +301,7 @@ class OwnMap:
 
 
 def _count(x: Any) -> int:
-    return max((len(column) for _, column in _columns(x)), default=0)
+    return max((len(column) for _, column in columns_of(x)), default=0)
 
 
 def probe(model: JointModel) -> None:
@@ -383,120 +379,6 @@ def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
     return named[given]
 
 
-@dataclass(frozen=True)
-class DrawnFormula:
-    """A model and draws of its posterior."""
-
-    model: JointModel
-    chain: Chain
-
-    def vectors(self, generator: np.random.Generator) -> Floats:
-        """Draw vectors of the posterior, (k, n_parameters)."""
-        flat_draws = self.chain.vectors.reshape(-1, self.chain.vectors.shape[-1])
-        return flat_draws[generator.integers(len(flat_draws), size=PREDICTIVE)]
-
-
-def new_specimens(
-    own: OwnMap, fit: DrawnFormula, block: Readings, x: Any, generator: np.random.Generator
-) -> Floats:
-    """Draw what new specimens would show at x, without reading error, (k, n)."""
-    vectors = fit.vectors(generator)
-    mean = own.at(fit, block, x)[1].expected(vectors)
-    scatter = fit.model.table.named(vectors).get(f"{block.name}_scatter")
-    if scatter is None:
-        return mean
-    shift: Floats = scatter * generator.standard_normal(len(vectors))
-    return mean + shift[:, None]
-
-
-def predict(own: OwnMap, fit: DrawnFormula, x: Any, seed: np.random.SeedSequence) -> pd.DataFrame:
-    """Return quantiles of what a new specimen would show at x, without reading error.
-
-    Parameters
-    ----------
-    own : OwnMap
-        The forward map.
-    fit : DrawnFormula
-        Posterior.
-    x : array, DataFrame or mapping of names to arrays
-        What the forward map is asked.
-    seed : SeedSequence
-        Everything random comes from it.
-    """
-    generator, at = np.random.default_rng(seed), _inputs(x)
-    frames = [
-        _bands(block, at, new_specimens(own, fit, block, at, generator)) for block in own.readings
-    ]
-    return pd.concat(frames, ignore_index=True)
-
-
-def control(
-    own: OwnMap, fit: DrawnFormula, wanted: ArrayLike, x: Any, seed: np.random.SeedSequence
-) -> pd.DataFrame:
-    """Return the input at which readings reach wanted values.
-
-    Each draw of a new specimen is followed along the inputs in their order until it first passes
-    the value; between two of them it is taken as linear.
-
-    Parameters
-    ----------
-    own : OwnMap
-        The forward map, of one kind of readings.
-    fit : DrawnFormula
-        Posterior.
-    wanted : array
-        Readings, in their unit.
-    x : array, DataFrame or mapping of names to arrays
-        Inputs to be tried; of several, the first is given back and the others go along with it.
-    seed : SeedSequence
-        Everything random comes from it.
-
-    Returns
-    -------
-    DataFrame
-        A row for each value: ``reached`` for half of new specimens or not, the input that 5, 50
-        and 95 % of them need (empty where they do not reach it), and the share that reach it.
-
-    Raises
-    ------
-    BayesdegError
-        If there are several kinds of readings, or fewer than two inputs.
-    """
-    if len(own.readings) > 1:
-        raise BayesdegError("control needs a model of one kind of readings; give one at a time")
-    at, block = _inputs(x), own.readings[0]
-    name, along = next(_columns(at))
-    if _count(at) < 2:
-        raise BayesdegError("control needs at least two inputs, between which it can look")
-    draws = new_specimens(own, fit, block, at, np.random.default_rng(seed))
-    rows = []
-    for value in np.unique(np.atleast_1d(np.asarray(wanted, dtype=np.float64))):
-        needed = np.sort(_first_passage(np.asarray(along, dtype=np.float64), draws, float(value)))
-        low, middle, high = np.quantile(needed, [0.05, 0.5, 0.95], method="inverted_cdf")
-        ends = {"needed_q05": low, "needed_q50": middle, "needed_q95": high}
-        share = float(np.mean(np.isfinite(needed)))
-        rows.append(
-            {"wanted": value, "unit": block.unit, "input": name, "reached": bool(share >= 0.5)}
-            | {key: end if np.isfinite(end) else np.nan for key, end in ends.items()}
-            | {"share": share}
-        )
-    return pd.DataFrame(rows)
-
-
-def _first_passage(along: Floats, draws: Floats, wanted: float) -> Floats:
-    """Return where each draw (k, n) first passes a value; infinite where it does not."""
-    gap = draws - wanted
-    with np.errstate(invalid="ignore"):
-        crossed = (gap[:, :-1] * gap[:, 1:] <= 0.0) & np.isfinite(gap[:, :-1] + gap[:, 1:])
-    first = np.argmax(crossed, axis=1)
-    own = np.arange(len(draws))
-    before, after = gap[own, first], gap[own, first + 1]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(before == after, 0.0, before / (before - after))
-    found: Floats = along[first] + share * (along[first + 1] - along[first])
-    return np.where(crossed.any(axis=1), found, np.inf)
-
-
 def _maps(
     blocks: tuple[Readings, ...], forward: Forward | Mapping[str, Forward] | None
 ) -> Mapping[str, Forward]:
@@ -555,14 +437,3 @@ def _on_readings(
 ) -> tuple[Floats, ...]:
     pairs = zip(readings, recorded, strict=True)
     return tuple(np.asarray(hook(one, at, effect), dtype=np.float64) for one, at in pairs)
-
-
-def _bands(block: Readings, x: Any, draws: Floats) -> pd.DataFrame:
-    """Return quantiles of predictions (k, n), a row for each x."""
-    columns = {name: np.asarray(column) for name, column in _columns(x) if np.ndim(column) == 1}
-    low = {f"q{round(100 * q):02d}": np.nanquantile(draws, q, axis=0) for q in QUANTILES}
-    numbers = {"mean": np.nanmean(draws, axis=0), "sd": np.nanstd(draws, axis=0)}
-    answered = np.mean(np.isfinite(draws), axis=0)
-    return pd.DataFrame(columns).assign(
-        kind=block.name, unit=block.unit, **numbers, **low, answered=answered
-    )

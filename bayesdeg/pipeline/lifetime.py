@@ -11,15 +11,12 @@ from bayesdeg.pipeline.experience import Experience
 from bayesdeg.pipeline.forecast import (
     COURSE_STREAM,
     TIME,
-    Drawn,
-    Range,
-    StoredRun,
     basis,
     ceiling_of,
-    checks_of,
     said_of,
     small_risk,
 )
+from bayesdeg.pipeline.posterior import Posterior, Range
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import INTERVAL
@@ -43,7 +40,7 @@ def default_hours(measured: Mapping[str, Range]) -> Floats:
 
 
 def lifetime_of(
-    stored: Drawn,
+    stored: Posterior,
     soil: Soil,
     duty: Duty,
     hours: Floats,
@@ -58,8 +55,7 @@ def lifetime_of(
 
     Parameters
     ----------
-    stored : Drawn
-        Model and posterior.
+    stored : Posterior
     soil : Soil
         The course of degradation.
     duty : Duty
@@ -92,13 +88,13 @@ def lifetime_of(
     )
 
 
-def life_table(stored: Drawn, life: Life, duty: Duty) -> pd.DataFrame:
+def life_table(stored: Posterior, life: Life, duty: Duty) -> pd.DataFrame:
     """Return a life as a table, ``lifetime.csv``; what is not finite is empty.
 
     No probability of rupture, nor of failing, which holds it, is below one in the specimens that
     the model was checked on.
     """
-    checks = checks_of(stored)
+    checks = stored.checks()
     burst, failed = (_with_interval(life, each, checks) for each in (life.burst, life.failed))
     bent = np.nan_to_num(life.curvature, nan=np.inf, posinf=np.inf)
     found = [
@@ -168,7 +164,7 @@ class LifeSummary:
         }
 
 
-def life_summary(stored: Drawn, life: Life, duty: Duty) -> LifeSummary:
+def life_summary(stored: Posterior, life: Life, duty: Duty) -> LifeSummary:
     """Return what a life comes to."""
     failure, reachable = (
         (float(v[0]), float(v[1]), float(v[2])) for v in (life.time_to_failure, life.last_reachable)
@@ -182,12 +178,12 @@ def life_summary(stored: Drawn, life: Life, duty: Duty) -> LifeSummary:
         failed=float(life.failed[:, -1].mean()),
         burst=float(life.burst[:, -1].mean()),
         allowed=float(life.allowed[-1]),
-        checks=checks_of(stored),
+        checks=stored.checks(),
     )
 
 
 def said_of_life(
-    stored: StoredRun,
+    stored: Posterior,
     soil: Soil,
     life: Life,
     duty: Duty,

@@ -38,13 +38,13 @@ from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.aside import FILES, Aside, unused_rows
 from bayesdeg.pipeline.assemble import Assembly
-from bayesdeg.pipeline.averaged import Averaged
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.films import CourseFit, Films
 from bayesdeg.pipeline.judge import Judgement, not_converged, readings_misfit
 from bayesdeg.pipeline.missing import description_entry
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.priors import Choice, Parameter
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
@@ -90,7 +90,7 @@ class Results:
         What the films alone say.
     counts : CountMisfit, optional
         How probable published counts of ruptures are, where nothing was judged.
-    averaged : Averaged, optional
+    averaged : Posterior, optional
         Draws over the causes that cannot be told apart, where there are several.
     with_suspects : Decision, optional
         What is decided with all that was set aside, where something was.
@@ -103,7 +103,7 @@ class Results:
     checks: Checks | None = None
     films: Films | None = None
     counts: CountMisfit | None = None
-    averaged: Averaged | None = None
+    averaged: Posterior | None = None
     with_suspects: Decision | None = None
 
     @property

@@ -35,7 +35,6 @@ from bayesdeg.report.record import (
     ConvergenceEntry,
     EmulatorEntry,
     InDoubt,
-    MemberEntry,
     MissingEntry,
     ModelEntry,
     RunRecord,
@@ -202,8 +201,7 @@ def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
 def _model_of(results: Results, study: Study) -> ModelEntry:
     found = model_of(results.base.model, results.final.model, study)
     members = () if results.averaged is None else results.averaged.members
-    entries = tuple(MemberEntry(causes=m.causes, probability=m.probability) for m in members)
-    return found.model_copy(update={"averaged": entries})
+    return found.model_copy(update={"averaged": members})
 
 
 # share of refused proposals above which the posterior may be cut off

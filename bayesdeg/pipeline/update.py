@@ -34,6 +34,7 @@ from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.forecast import emulator_of, known_soil_of, refuse_impossible_draws
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import Owner, owner_of, update_folder
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.reach import readings_beyond
 from bayesdeg.pipeline.reading import read_study
@@ -141,25 +142,6 @@ class TakenIn:
     fit: Fit
     updated: Updated
     before: Floats
-
-
-@dataclass(frozen=True)
-class StoredPosterior:
-    """One stored posterior of the run, and the model that it is of.
-
-    Parameters
-    ----------
-    model : JointModel
-        Of the study as it was.
-    draws : mapping of str to array, shape (n,)
-        By parameter.
-    density : array, shape (n,)
-        Their log densities.
-    """
-
-    model: JointModel
-    draws: Mapping[str, Floats]
-    density: Floats
 
 
 # ---- what is updated
@@ -388,7 +370,7 @@ def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
     return model
 
 
-def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, StoredPosterior]:
+def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Posterior]:
     """Return the posteriors of a run by name: where no cause was found both are one.
 
     Raises
@@ -402,7 +384,7 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, StoredPosterior]:
             f"{of.folder.path}: run.json has nodes of degradation ({entry.nodes_pct}) that are not "
             f"those of the study ({assembly.model.nodes}); run the study again"
         )
-    found: dict[str, StoredPosterior] = {}
+    found: dict[str, Posterior] = {}
     for posterior in (POSTERIOR, POSTERIOR_BASE):
         if posterior == POSTERIOR_BASE and not of.verdict.predicted_with:
             found[posterior] = found[POSTERIOR]
@@ -410,14 +392,17 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, StoredPosterior]:
         stored, density = of.folder.read_draws(posterior)
         refuse_impossible_draws({str(n): v.to_numpy() for n, v in stored.items()}, of.folder.path)
         draws = {str(n): v.to_numpy().ravel() for n, v in stored.items()}
-        found[posterior] = StoredPosterior(_model_of_run(assembly, tuple(draws)), draws, density)
+        model = _model_of_run(assembly, tuple(draws))
+        vectors = model.table.vectors(draws)[None, :, None, :]
+        chain = Chain(vectors, density.reshape(vectors.shape[:3]), np.ones(1))
+        found[posterior] = Posterior(model, chain)
     return found
 
 
 def _taken_in(
     of: FinishedRun,
     posterior: str,
-    drawn: StoredPosterior,
+    drawn: Posterior,
     curves: tuple[ActuatorCurves, ActuatorCurves],
     specimens: tuple[str, ...],
     generator: np.random.Generator,
@@ -431,14 +416,14 @@ def _taken_in(
         If this version has another density, or the draws do not lead to the new posterior.
     """
     before, model = (drawn.model.of_actuators(tests) for tests in curves)
-    vectors = before.table.vectors(drawn.draws)
-    _refuse_other_density(before, vectors, drawn.density, of)
+    vectors, density = drawn.chain.vectors[0, :, 0], drawn.chain.log_prob[0, :, 0]
+    _refuse_other_density(before, vectors, density, of)
     worth = _independent(of.run, posterior, len(vectors))
     updated = take_in(
         before,
         model,
         vectors,
-        drawn.density,
+        density,
         specimens,
         generator,
         independent=worth,
@@ -633,7 +618,7 @@ def _update(
 def _results(
     of: FinishedRun,
     assembly: Assembly,
-    drawn: Mapping[str, StoredPosterior],
+    drawn: Mapping[str, Posterior],
     studies: tuple[Study, Study],
     found: Enlarged,
     seed: int | None,

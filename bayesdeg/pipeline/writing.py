@@ -47,16 +47,19 @@ from bayesdeg.observations.tensile import (
 from bayesdeg.photographs.record import trace_rows
 from bayesdeg.pipeline.aside import is_set_aside
 from bayesdeg.pipeline.assemble import level_grid
+from bayesdeg.pipeline.averaged import stored_form
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
 from bayesdeg.pipeline.experience import experience_of
-from bayesdeg.pipeline.forecast import model_document, ranges_of
+from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.judge import Description, Judgement
 from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
 from bayesdeg.pipeline.missing import columns_table, readings_table, terms_table
 from bayesdeg.pipeline.pictures import Picture, lines_on, paper_groups, pictures_of, write_pictures
+from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
+from bayesdeg.pipeline.run_record import model_of
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.predictive import (
@@ -515,7 +518,8 @@ def life(found: "TableSources") -> pd.DataFrame | None:
     fit = found.results.final
     if not found.has_actuators or found.soil is None:
         return None
-    entry = model_document(found.results.base.model, found.study)
+    tested = model_of(found.results.base.model, fit.model, found.study)
+    posterior = Posterior(fit.model, fit.chain, tested)
     pressure = DUTY_SHARE * fit.model.largest_pressure
     specimens = draw_specimens(fit.model, fit.chain, found.generator, draws=LIFE_DRAWS)
     fresh = respond(specimens, 0.0, np.array([pressure])).curvature
@@ -524,13 +528,13 @@ def life(found: "TableSources") -> pd.DataFrame | None:
         return None
     duty = Duty(pressure, float(f"{wanted:.3g}"), RISK)
     followed = lifetime_of(
-        *(fit, found.soil, duty, default_hours(ranges_of(entry))),
+        *(posterior, found.soil, duty, default_hours(posterior.measured)),
         seed=np.random.SeedSequence(int(found.generator.integers(2**63))),
         progress=Silent(),
-        experience=experience_of(entry),
+        experience=posterior.experience,
         draws=LIFE_DRAWS,
     )
-    return life_table(fit, followed, duty)
+    return life_table(posterior, followed, duty)
 
 
 @dataclass
@@ -674,7 +678,7 @@ def _write_what_checks_say(files: Files, found: TableSources) -> None:
         kept = EFFORTS[found.study.settings.effort].kept
         files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
     if results.averaged is not None:
-        files.tree(POSTERIOR_AVERAGED, results.averaged.tree)
+        files.tree(POSTERIOR_AVERAGED, partial(stored_form, results.averaged))
 
 
 def _predicted(fits: Mapping[str, Fit], generator: np.random.Generator) -> dict[str, CurvatureFit]:

@@ -124,7 +124,7 @@ def test_predictions_agree_with_the_bands_of_the_run(bayesdeg, report, models, w
     key = ["degradation_pct", "pressure_kPa"]
     assert found[key].to_numpy().tolist() == bands[key].to_numpy().tolist()
     np.testing.assert_allclose(found[BANDS], bands[BANDS], rtol=0.015, atol=1e-9)
-    least = 1.0 / read_stored(report).specimens
+    least = 1.0 / read_stored(report).tested.rupture_checks
     pressed = found["pressure_kPa"] > 0.0
     assert found.loc[pressed, PROBABILITIES].min().min() == pytest.approx(least)
     known = rupture[PROBABILITIES].where(~pressed, rupture[PROBABILITIES].clip(lower=least))
@@ -267,7 +267,7 @@ def test_control_says_what_is_out_of_reach_and_what_is_best(bayesdeg, report):
     assert row["pressure_kPa"] == row["allowed_kPa"] < row["needed_q50_kPa"]
     assert 0.0 < row["q50"] < 25.0
     # the risk that is kept to is less than the specimens can tell
-    assert row["probability"] == pytest.approx(1.0 / read_stored(report).specimens)
+    assert row["probability"] == pytest.approx(1.0 / read_stored(report).tested.rupture_checks)
     assert "below 1 in 9" in bayesdeg("control", report, *at)[2]
     assert row["why"] in printed
 

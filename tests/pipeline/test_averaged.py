@@ -19,7 +19,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.averaged import DRAWS, Averaged, averaged
+from bayesdeg.pipeline.averaged import DRAWS, averaged, stored_form
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.forecast import AVERAGE, MODEL, read_stored
 from bayesdeg.pipeline.progress import Silent
@@ -83,7 +83,7 @@ def final(run):
 
 
 @pytest.fixture(scope="module")
-def found(final) -> Averaged:
+def found(final):
     base, fit = final
     return averaged(judgement_of(base), fit, np.random.default_rng(2))
 
@@ -99,7 +99,7 @@ def test_probabilities_are_those_of_the_evidence(found):
 
 def test_each_draw_has_one_cause_and_predicts_as_the_model_with_it_alone(found, final):
     base, _ = final
-    values = found.model.table.named(found.vectors)
+    values = found.model.table.named(found.chain.vectors[0, :, 0])
     neutral = {name: find(name).parameters[0].neutral for name in (LEADING, RIVAL)}
     for k, (own, other) in enumerate(((LEADING, RIVAL), (RIVAL, LEADING))):
         some = {name: v[found.number == k][:20] for name, v in values.items()}
@@ -134,7 +134,7 @@ def ambiguous(run, found):
     """The run folder with draws over both causes."""
     path, file, _ = run
     folder = RunFolder(path)
-    folder.write_posterior(POSTERIOR_AVERAGED, found.tree())
+    folder.write_posterior(POSTERIOR_AVERAGED, stored_form(found))
     record = folder.read_run()
     entries = [{"causes": m.causes, "probability": m.probability} for m in found.members]
     document = json.loads((path / "run.json").read_text(encoding="utf-8"))
@@ -154,7 +154,7 @@ def test_a_run_folder_predicts_with_the_average_and_with_each(ambiguous, found):
     for k, one in enumerate(stored.each):
         assert one.chain.log_prob.size == np.sum(found.number == k)
         assert [cause.name for cause in one.model.causes] == [(LEADING, RIVAL)[k]]
-        kept = found.vectors[found.number == k]
+        kept = found.chain.vectors[0, :, 0][found.number == k]
         some = {
             n: v for n, v in found.model.table.named(kept).items() if n in one.model.table.names
         }
