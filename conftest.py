@@ -42,7 +42,19 @@ if (shift := os.environ.get("BAYESDEG_TEST_SEED")) is not None:
     numpy.random.default_rng = default_rng
 
 
-def pytest_collection_modifyitems(items):
-    """Put files that hold slow tests first: else the longest ends the run alone, on one core."""
+def pytest_addoption(parser):
+    """Offer the campaigns that a plain run leaves out."""
+    parser.addoption("--run-long", action="store_true", help="also run tests that are marked long")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out long tests, and put files that hold slow ones first.
+
+    Else the longest ends the run alone, on one core.
+    """
+    if not config.getoption("--run-long"):
+        left_out = [item for item in items if item.get_closest_marker("long") is not None]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in set(left_out)]
     slow = {item.path for item in items if item.get_closest_marker("slow") is not None}
     items.sort(key=lambda item: item.path not in slow)

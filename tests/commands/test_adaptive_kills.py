@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KILLS = 8  # for more: `python -m tests.commands.adaptive_training FOLDER 24 SEED`
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_training_in_rounds_killed_at_random_moments_ends_with_the_same_bits(tmp_path):

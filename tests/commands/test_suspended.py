@@ -25,6 +25,7 @@ def run(folder, out):
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_suspended_run_goes_on_and_ends_with_the_same_draws(tmp_path):
     films = tmp_path / "films"

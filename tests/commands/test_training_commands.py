@@ -126,6 +126,7 @@ def test_emulate_repeats_nothing(here, command):
     assert Path("other.npz").read_bytes() == CACHED.read_bytes()
 
 
+@pytest.mark.long
 def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, command):
     command("emulate", "tiny.toml", "--workers", 1, "--quiet")
     before = solved()
@@ -547,7 +548,9 @@ def interruptible():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here, number):
     runs = 40
     arguments = ("emulate", "tiny.toml", "--workers", 2)

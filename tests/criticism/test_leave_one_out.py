@@ -243,7 +243,7 @@ def left_out_of(whole_chain):
     return leave_one_out(small_model(), whole_chain, seed=SEED)
 
 
-@pytest.fixture(scope="module", params=["f2", "a4"])
+@pytest.fixture(scope="module", params=[pytest.param("f2", marks=pytest.mark.long), "a4"])
 def brute_force(request, left_out_of):
     """emcee on the other specimens' posterior, and the mean density of one over it."""
     model, specimen = small_model(), request.param

@@ -41,17 +41,27 @@ ALIKE = {
 }
 NO_ANGLE, WITHOUT = (WALLS, SHRUNK), "without angle"
 FARTHEST = 3.5  # standard deviations of a size
+# of each kind of outcome one study or two: all of them take a quarter of an hour of two cores
+PLAIN = {"01", "08", WALLS, LEAK, TWO, NOTHING, OUTSIDE, FLAWS, BRITTLE, BATCH}
+
+
+def long_unless_plain(number, *further):
+    """Mark the parameters of a study that a plain run leaves out."""
+    return pytest.param(number, *further, marks=() if number in PLAIN else pytest.mark.long)
 
 
 @pytest.fixture(scope="module")
-def verdicts(tmp_path_factory):
-    """Verdicts on all studies, and with each hidden cause idle; on one without bend angles."""
+def verdicts(request, tmp_path_factory):
+    """Verdicts on the studies, and with each hidden cause idle; on two without bend angles."""
+    known = [path.name for path in sorted(STUDIES.iterdir())]
+    asked = known if request.config.getoption("--run-long") else sorted(PLAIN)
     apart = tmp_path_factory.mktemp("without")
-    without = [(f"{n} {WITHOUT}", without_angle(STUDIES / n, apart / n), ()) for n in NO_ANGLE]
-    folders = [
-        (path.name, path, tuple(hidden_in(path.name)) if path.name in (*SINGLE, TWO) else ())
-        for path in sorted(STUDIES.iterdir())
+    without = [
+        (f"{n} {WITHOUT}", without_angle(STUDIES / n, apart / n), ())
+        for n in NO_ANGLE
+        if n in asked
     ]
+    folders = [(n, STUDIES / n, tuple(hidden_in(n)) if n in (*SINGLE, TWO) else ()) for n in asked]
     return side_by_side([*folders, *without])
 
 
@@ -118,7 +128,7 @@ def test_every_cause_of_the_catalogue_is_hidden():
     assert hidden == set(CATALOGUE) - COUNTED_ALONE - STATED_ALONE
 
 
-@pytest.mark.parametrize("number", SINGLE)
+@pytest.mark.parametrize("number", [long_unless_plain(number) for number in SINGLE])
 def test_a_single_cause_is_named_with_its_size(verdicts, number):
     assert_found(verdicts[number].result().plain, hidden_in(number))
 
@@ -145,6 +155,7 @@ def test_the_bend_angle_separates_what_the_curvature_alone_cannot(verdicts):
     assert set(without.causes) == {"wall_thickness", "shrinkage_reading"}
 
 
+@pytest.mark.long
 def test_the_bend_angle_separates_a_part_that_shrank_from_one_that_lost_its_faces(verdicts):
     """Both bend more the further they are degraded; without an angle a calliper tells."""
     assert verdicts[SHRUNK].result().plain.outcome == "named"
@@ -156,6 +167,7 @@ def test_the_bend_angle_separates_a_part_that_shrank_from_one_that_lost_its_face
     assert factor > 10.0
 
 
+@pytest.mark.long
 def test_a_gauge_reads_like_softer_actuators_and_a_second_gauge_tells(verdicts):
     found = verdicts[GAUGE].result().plain
     assert found.outcome == "ambiguous"
@@ -205,6 +217,7 @@ def test_a_batch_that_was_mixed_wrongly_is_not_taken_for_misread_degradation_rat
     }
 
 
+@pytest.mark.long
 def test_a_layer_deeper_than_that_of_the_rule_is_not_taken_for_another_cause(verdicts):
     assert hidden_in(SURFACES) == {"degraded_skin": {}}
     found = verdicts[SURFACES].result().plain
@@ -233,7 +246,7 @@ def test_ruptures_alone_show_flaws(verdicts):
     assert found.rupture_p_value < 0.05
 
 
-IDLE = [(number, name) for number in (*SINGLE, TWO) for name in hidden_in(number)]
+IDLE = [long_unless_plain(number, name) for number in (*SINGLE, TWO) for name in hidden_in(number)]
 
 
 @pytest.mark.parametrize(("number", "name"), IDLE)

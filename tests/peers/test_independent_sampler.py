@@ -20,7 +20,7 @@ from bayesdeg.observations.tensile import TENSILE
 from tests.inference.small_study import ELONGATION_NODES, TRUTH, small_model, values_of
 from tests.peers import numpyro_process
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.long]
 
 NODES = (0.0, 25.0)
 
