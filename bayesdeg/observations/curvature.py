@@ -554,8 +554,8 @@ def _predictions(
 ) -> tuple[Prediction, Prediction]:
     """Return predictions before and after causes that act on the reading.
 
-    Without the criterion's strain measure, which takes as long as the rest, the peak stretch is that
-    of the forward map.
+    Without the criterion's strain measure, which takes as long as the rest, the peak stretch is
+    that of the forward map.
     """
     causes, met = state.acting(), inputs_met(state, data, deviation)
     world = state.world

@@ -18,8 +18,8 @@ from the paper. Bulging walls, dividers and slots between the chambers, and larg
 ignored; the parameter ``force_gain`` covers their overall effect. Derived here from composite beam
 theory. Finite elements (`bayesdeg.actuator.curve.ExactMap.tip_force`) give 0.35 of it for a fresh
 default pneunet at 20 kPa, 0.54 at 200 kPa, and 0.56 to 0.58 where C1 is 1.6 MPa. So if the study
-has curvatures and the emulator was trained for forces, forces are those of finite elements with the tip
-held, `HeldTip`; the beam is for forces alone.
+has curvatures and the emulator was trained for forces, forces are those of finite elements with the
+tip held, `HeldTip`; the beam is for forces alone.
 """
 
 from collections.abc import Mapping

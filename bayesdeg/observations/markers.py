@@ -183,7 +183,7 @@ _READ = frozenset({"curvature_per_m", "curvature_sd_per_m", "bend_angle_deg", "b
 
 
 def _line_numbers(table: pd.DataFrame) -> pd.Series:
-    """Number the lines; a line ends where conditions change or point numbers restart."""
+    """Return line numbers; a line ends where conditions change or point numbers restart."""
     conditions = table[list(of_actuators({}))]
     before = conditions.shift()
     changed = (conditions != before) & ~(conditions.isna() & before.isna())

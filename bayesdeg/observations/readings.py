@@ -399,7 +399,7 @@ class FormulaReadings(Observations):
         if not isinstance(self.rows, slice):
             width, last = found.shape[-1] if found.ndim else 1, np.max(self.rows, initial=-1)
             if width <= last:
-                raise ValueError(f"rows go up to {last}, but forward returned {width} readings")
+                raise ValueError(f"rows go up to {last}, forward returned {width} readings")
         predicted = spread(found, (len(state), width), "forward")
         if state.world.report is not None:
             state.world.report(~np.all(np.isfinite(predicted[:, self.rows]), axis=1))
