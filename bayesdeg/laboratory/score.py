@@ -262,7 +262,7 @@ def score(answers: Iterable[HiddenAnswer], truths: Iterable[HiddenTruth], file: 
     pairs = _paired(tuple(answers), tuple(truths), file or "answers")
     return Score(
         studies=len(pairs),
-        credit=_part("credit", "right, over the number of combinations", pairs, credit),
+        credit=_part("credit", "right, over the number of combinations said", pairs, credit),
         shares=tuple(_shares(pairs)),
         causes_said=_causes_said(pairs),
         sizes=_sizes(pairs),
@@ -318,24 +318,26 @@ def _shares(pairs: Sequence[Pair]) -> Iterator[ScoredShare]:
     outside = [(a, t) for a, t in pairs if t.is_outside]
     tested = [(a, t) for a, t in none if a.p_value is not None]
     yield from (
-        _part("right", "right, with sets of any size", pairs, is_right),
-        _part("single_right", "right, for single causes", single, is_right),
-        _part("single_alone", "named alone, for single causes", single, _alone),
-        _part("single_credit", "credit for single causes", single, credit),
-        _part("plain_right", "right, for single causes of 5 sd or more", plain, is_right),
-        _part("plain_alone", "named alone, for these", plain, _alone),
-        _part("plain_credit", "credit for these", plain, credit),
-        _part("physics_right", "right, for causes planted by physics", planted, is_right),
-        _part("two_right", "right, for two causes", both, is_right),
-        _part("two_alone", "both named alone, for two causes", both, _alone),
-        _part("two_plain_right", "right, for two causes of 5 sd or more each", shown, is_right),
-        _part("said_false", "every combination has a cause not hidden", pairs, says_false),
+        _part("right", "right, in sets of any size", pairs, is_right),
+        _part("single_right", "right, of single causes", single, is_right),
+        _part("single_alone", "named alone, of single causes", single, _alone),
+        _part("single_credit", "credit of single causes", single, credit),
+        _part("plain_right", "right, of single causes of 5 sd and more", plain, is_right),
+        _part("plain_alone", "named alone, of these", plain, _alone),
+        _part("plain_credit", "credit of these", plain, credit),
+        _part("physics_right", "right, of causes planted by physics", planted, is_right),
+        _part("two_right", "right, of two causes", both, is_right),
+        _part("two_alone", "both named alone, of two causes", both, _alone),
+        _part("two_plain_right", "right, of two causes of 5 sd and more each", shown, is_right),
+        _part(
+            "said_false", "a cause said that is not hidden, whichever is drawn", pairs, says_false
+        ),
         _part("none_adequate", "adequate, where nothing is hidden", none, is_right),
-        _part("none_said", "causes named where nothing is hidden", none, says_false),
-        _part("outside_unexplained", "unexplained, for effects without entry", outside, is_right),
-        _part("outside_said", "causes named for effects without entry", outside, says_false),
-        _part("of_several", "a set of several causes given", pairs, _of_several),
-        _part("none_rejected", "p ≤ 0.05 where nothing is hidden", tested, _rejected),
+        _part("none_said", "causes said where nothing is hidden", none, says_false),
+        _part("outside_unexplained", "unexplained, of effects without entry", outside, is_right),
+        _part("outside_said", "causes said for effects without entry", outside, says_false),
+        _part("of_several", "a set of several said", pairs, _of_several),
+        _part("none_rejected", "p of 0.05 and less where nothing is hidden", tested, _rejected),
     )
 
 
