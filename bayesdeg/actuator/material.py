@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MaterialGroups:
-    """The actuator's groups, in units of C1 and at moulded size; only the first three have no default.
+    """Groups in units of C1 and at moulded size; all but the first three default to neutral.
 
     Parameters
     ----------
