@@ -1083,7 +1083,7 @@ class _Flight:
             except BrokenExecutor as fault:
                 raise BayesdegError(
                     "a worker process died, and the executor opens no new one; solutions so far "
-                    "are stored:  run the same command again to resume"
+                    "are stored: run the same command again to resume"
                 ) from fault
             self.runs[future] = run
         return bool(self.runs)

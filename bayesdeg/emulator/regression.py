@@ -291,9 +291,7 @@ def _offset_gradient(place: Place) -> Floats:
 def _input_jacobian(place: Place) -> Floats:
     """Return derivatives of the model's inputs, except the load, by the groups.
 
-    Central differences.
-
-    All inputs are products of powers and exponentials of the groups.
+    By central differences. All inputs are products of powers and exponentials of the groups.
     """
     values = np.array(place.values)
     out = np.empty((len(INPUTS) - 1, len(values)))

@@ -262,7 +262,8 @@ class SolutionStore:
         except OSError as fault:
             raise ResumableError(
                 f"the store {self.folder} cannot be written: {reason(fault)}; solutions so far "
-                "stay there:  free some space, or allow writing, and run the same command again to resume"
+                "stay there: free some space or allow writing, and run the same command again to "
+                "resume"
             ) from fault
         return True
 
