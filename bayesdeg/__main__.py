@@ -1,4 +1,4 @@
-"""Where the command starts; stopped while it is still being imported, it ends in good order."""
+"""Entry point of the command; a signal during imports ends it cleanly."""
 
 import importlib
 import os
@@ -8,11 +8,11 @@ from types import FrameType
 from bayesdeg import signals
 
 STOPPED = 3
-MESSAGE = "stopped before anything was begun; the same command starts again\n"
+MESSAGE = "stopped before any work began; run the same command again\n"
 
 
 def main() -> None:
-    """Run the command line, of which a signal may stop even the import."""
+    """Run the command line; a signal may stop even the import."""
     signals.answer(_end)
     importlib.import_module("bayesdeg.cli").main()
 

@@ -1,9 +1,9 @@
-"""The verbs and nouns of the library, offered by ``import bayesdeg as bd``.
+"""Verbs of the library, exported by ``import bayesdeg as bd``.
 
 Read a study, calibrate its model, criticise it, name the cause, compare, predict, report. A verb
-returns a value that prints as a user wants to read it, shows as HTML in a notebook, and gives tidy
-frames; nothing is changed in place. The same seed gives the same result, whatever the number of
-workers. Progress is shown on standard error on a terminal.
+returns a value that prints readably, renders as HTML in a notebook and gives tidy data frames;
+nothing is changed in place. The same seed gives the same result for any number of workers. Progress
+is shown on standard error on a terminal.
 """
 
 import os
@@ -66,12 +66,12 @@ def emulator(
     progress: bool | None = None,
     backend: Backend | str = Backend.KERNELS,
 ) -> Surrogate:
-    """Return an emulator of an actuator: shipped, trained here before, or trained now.
+    """Return an emulator of an actuator: shipped, trained before, or trained now.
 
-    Of a study it is trained where the study lies, as by ``bayesdeg run``, in minutes; each finds
-    what the other trained. Of dimensions alone it is trained over the whole range of materials and
-    causes, which takes hours. What is solved is kept in ``.cache/campaign``, so that an interrupted
-    training goes on.
+    For a study it is trained in the study's region, as by ``bayesdeg run``, in minutes; both find
+    each other's emulators. For dimensions alone it is trained over the whole range of materials and
+    causes, which takes hours. Solutions are stored in ``.cache/campaign``, so an interrupted
+    training resumes.
 
     Parameters
     ----------
@@ -82,10 +82,10 @@ def emulator(
     workers : int, optional
         Processes; by default one for each core.
     progress : bool, optional
-        Whether to show how far it is; by default on a terminal.
+        Whether to show progress; by default on a terminal.
     backend : {"kernels", "scikit-fem"}
-        What assembles the finite elements that it is trained on. With scikit-fem, which takes
-        forty times as long, one is trained even if the package has one.
+        Finite element assembly for the training curves. With scikit-fem, forty times as slow, an
+        emulator is trained even if the package has one.
 
     Returns
     -------
@@ -95,18 +95,18 @@ def emulator(
     Warns
     -----
     UserWarning
-        Before an emulator of dimensions alone is trained: how long that takes.
+        Before an emulator for dimensions alone is trained, with the expected time.
 
     Raises
     ------
     GeometryError
-        If no actuator can be made of the dimensions.
+        If no actuator can have these dimensions.
     BayesdegError
-        If it is an actuator that no emulator can be trained for, or the backend is unknown.
+        If no emulator can be trained for the actuator, or the backend is unknown.
     """
     wanted = can_show_bars() if progress is None else progress
     if backend not in list(Backend):
-        raise BayesdegError(f"backend {backend!r} is unknown; {use_one_of(str(backend), Backend)}")
+        raise BayesdegError(f"unknown backend {backend!r}; {use_one_of(str(backend), Backend)}")
     manner = Manner(yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend))
     if isinstance(geometry, Study) and geometry.actuator is not None:
         refuse_cells(geometry.settings, manner.backend)
@@ -123,7 +123,7 @@ def emulator(
 def _of_whole_range(
     shape: Moulded, manner: Manner, workers: int | None, progress: bool | None
 ) -> Surrogate:
-    """Return an emulator of the whole range, which is trained if there is none yet."""
+    """Return an emulator of the whole range; train it if necessary."""
     refuse_whole_range(shape)
     found = find(shape, recipe=manner.recipe, cache=manner.cache)
     if found.surrogate is not None:
@@ -134,8 +134,8 @@ def _of_whole_range(
         study = rough_seconds(shape.dimensions, shape.constraint, workers=campaign.workers)
         _warn(
             [
-                f"training over the whole range takes {duration(expectation.seconds)}; of a study, "
-                f"bayesdeg.emulator(study) trains where the study lies, {duration(study)}"
+                f"training over the whole range takes {duration(expectation.seconds)}; "
+                f"bayesdeg.emulator(study) trains only where a study needs it, {duration(study)}"
             ]
         )
         trained = train_emulator(campaign, expectation, show)
@@ -157,38 +157,38 @@ def calibrate(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> Calibration:
-    """Calibrate a model: mode, evidence, and draws of the posterior until they are enough.
+    """Calibrate a model: mode, evidence and sufficient posterior draws.
 
     Parameters
     ----------
     model : Model
         With or without causes.
     effort : {"quick", "standard", "thorough"}, optional
-        By default that of the study; ``standard`` of other models.
+        Default: that of the study; ``standard`` for other models.
     seed : int, optional
-        By default that of the study; 0 of other models. With the same seed the base model of a
-        study is calibrated as by ``bayesdeg run``.
+        Default: that of the study; 0 for other models. With the same seed the base model of a
+        study is calibrated exactly as by ``bayesdeg run``.
     workers : int, optional
-        Processes; by default one for each core. Forward maps and causes of one's own stay in this
+        Processes; by default one for each core. A user's own forward maps and causes stay in this
         process.
     progress : bool, optional
-        Whether to show how far it is; by default on a terminal.
+        Whether to show progress; by default on a terminal.
 
     Returns
     -------
     Calibration
-        ``.posterior``, ``.summary()``; prints and shows as a table.
+        ``.posterior``, ``.summary()``; prints as a table.
 
     Warns
     -----
     UserWarning
-        Where a forward map of your own has no finite answer, and if two calls with the same
+        If your own forward map returns values that are not finite, or two calls with the same
         values differ.
 
     Raises
     ------
     BayesdegError
-        If the effort does not exist, or the density is zero wherever sampling could start.
+        If the effort is unknown, or the density is zero at all starting points.
 
     Examples
     --------
@@ -221,21 +221,21 @@ def criticise(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> Verdict:
-    """Say what is wrong with a calibrated model, if anything: which cause, several, or unknown.
+    """Criticise a calibrated model: no misfit, one cause, several, or an unknown cause.
 
-    The misfit is compared with that of data simulated from the model; causes are added as long as
-    the evidence passes what chance gives, and held-out specimens must agree.
+    The misfit is compared with data simulated from the model; causes are added as long as the
+    evidence exceeds that by chance, and held-out specimens must agree.
 
     Parameters
     ----------
     base : Calibration
-        Of a model without causes.
+        Calibration of a model without causes.
     causes : "all" or list of str or Cause
-        Candidates: the catalogue, or some of it, or causes of one's own.
+        Candidates: the catalogue, some of its causes, or your own.
     effort, seed, optional
-        By default those of the calibration.
+        Default: those of the calibration.
     workers, progress, optional
-        As of `calibrate`.
+        As in `calibrate`.
 
     Returns
     -------
@@ -245,7 +245,7 @@ def criticise(
     Raises
     ------
     BayesdegError
-        If a cause does not exist, there is none to try, or the model has causes already.
+        If a cause is unknown, there is none to try, or the model already has causes.
     """
     fit = _calibration(base)
     how, number = _effort(effort or fit.effort), _seed(seed, fit.seed)
@@ -264,33 +264,33 @@ def compare(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Compare how well models predict specimens that took no part in their calibration.
+    """Compare how well models predict held-out specimens.
 
     Parameters
     ----------
     base : Calibration
-        With which the others are compared.
+        Reference of the comparison.
     *others : Calibration
-        Of the same readings.
+        Calibrations to the same readings.
     seed, workers, progress, optional
-        As of `calibrate`.
+        As in `calibrate`.
 
     Returns
     -------
     DataFrame
-        The columns of ``gain.csv``, a row for each model and degradation rate and for all of them:
+        The columns of ``gain.csv``, one row per model and degradation rate and for all rates:
         ``elpd`` and its difference to the base model with standard errors [nats], ``rmse_per_m``,
-        ``crps_per_m`` [1/m], ``r_squared``, and coverage of 50 and 90 % intervals. Of readings of
-        one's own ``level``, ``rmse`` and ``crps`` stand in their places.
+        ``crps_per_m`` [1/m], ``r_squared``, and coverage of 50 and 90 % intervals. For your own
+        readings the columns are ``level``, ``rmse`` and ``crps`` instead.
 
     Raises
     ------
     BayesdegError
-        If there are too few specimens to leave any out, or readings or names are not the same.
+        If there are too few specimens to hold out, or readings or names differ.
     """
     fits = {one.model.name: _calibration(one) for one in (base, *others)}
     if len(fits) <= len(others):
-        raise BayesdegError("models that are compared must differ in their causes")
+        raise BayesdegError("models to compare must differ in their causes")
     experiment = base.model.experiment
     parallel = all(one.model.experiment.is_parallel for one in fits.values())
     with _work(progress, workers, parallel=parallel) as (show, executor):
@@ -299,11 +299,11 @@ def compare(
         subject = trials[0].subject
         if not can_be_held_out(subject):
             raise BayesdegError(
-                "there is no specimen that could be left out; say whose each reading is, "
+                "there is no specimen to hold out; give the specimen of each reading, "
                 "Readings(..., specimen=), or measure more specimens"
             )
         if any(not np.array_equal(t.subject.observed, subject.observed) for t in trials):
-            raise BayesdegError("models that are compared must be of the same readings")
+            raise BayesdegError("models to compare must be calibrated to the same readings")
         number = _seed(seed, base.seed)
         plans = (one_by_one(trial, experiment.folds(number)) for trial in trials)
         found = carried_out(plans, executor, lambda _: show.advance(1))
@@ -321,54 +321,54 @@ def predict(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Predict what a new specimen will show.
+    """Predict readings and rupture of new specimens.
 
     Parameters
     ----------
     fit : Calibration
-        Of any model.
+        Calibration of any model.
     pressure, degradation : float or array
-        Of actuators: pressures as read [kPa] and degradation rates [%], every combination. Of a
-        study in which nothing degrades the rate is 0 by default.
+        For actuators: pressures as read [kPa] and degradation rates [%], every combination. In a
+        study without degradation the rate is 0 by default.
     hours : float or array
-        In place of degradation rates: times in the soil [h], from which the rates follow by the
-        moisture of films, with their uncertainty.
+        Instead of degradation rates: times in the soil [h], from which rates with uncertainty
+        follow by the moisture of films.
     x : array or DataFrame
-        Of readings of one's own: what the forward map is asked.
+        For your own readings: inputs of the forward map.
     conditions : ServiceConditions
-        Of actuators: by default a prompt first loading in a horizontal mount. Active causes move
+        For actuators: by default a fast first loading in a horizontal mount. Active causes change
         predictions in others, such as ``ServiceConditions(hold_s=60, mount="hanging")``.
     seed, progress, optional
-        As of `calibrate`.
+        As in `calibrate`.
 
     Returns
     -------
     DataFrame
-        Of actuators a row for each rate and pressure: curvature as quantiles ``q05`` to ``q95``
+        For actuators a row per rate and pressure: curvature as quantiles ``q05`` to ``q95``
         [1/m] without reading error, ``probability`` of rupture with its 90 % interval, the share
-        ``answered`` of specimens for which the mechanics has an answer, and ``why`` something is
-        missing. Of other models a row for each x: ``mean``, ``sd`` and the same quantiles.
+        ``answered`` of specimens for which the mechanics has a solution, and ``why`` anything is
+        missing. For other models a row per x: ``mean``, ``sd`` and the same quantiles.
 
     Warns
     -----
     UserWarning
-        Where predictions lie outside of what was measured, and of conditions that move nothing.
+        If predictions lie outside the measured range, or conditions have no effect.
 
     Raises
     ------
     BayesdegError
-        If what the model needs is not given, or makes no sense.
+        If arguments that the model needs are missing or invalid.
     """
     experiment = _calibration(fit).model.experiment
     with _work(progress, 1, parallel=False) as (show, _):
         number = _seed(seed, fit.seed)
         if experiment.own is not None:
             if x is None or any(one is not None for one in (pressure, degradation, hours)):
-                raise BayesdegError("a model with a forward map of its own is asked at x=...")
+                raise BayesdegError("a model with its own forward map requires x=...")
             show.stage("predicting")
             return own_forecast.predict(fit.drawn, _inputs(x), _of_answers(number))
         if x is not None:
-            raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
+            raise BayesdegError("a model of a study requires pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
         levels = _levels(fit, degradation, hours, number, show)
         _warn(forecast.said_of(fit.drawn, levels, pressures, conditions))
@@ -394,64 +394,64 @@ def control(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
+    """Find the pressure for a target curvature at a bounded risk of rupture.
 
-    Of a forward map of one's own, find the input at which a reading is as wanted; nothing is known
-    of a rupture there, so no risk is bounded.
+    For your own forward map, find the input for a target reading; ruptures are unknown there, so
+    no risk is bounded.
 
     Parameters
     ----------
     fit : Calibration
-        Of a study with actuators, or of a forward map of one's own.
+        Calibration of a study with actuators, or of your own forward map.
     curvature, degradation : float or array
-        Wanted curvatures [1/m] and degradation rates [%], every combination; the rates as of
+        Target curvatures [1/m] and degradation rates [%], every combination; rates as in
         `predict`.
     hours : float or array
-        In place of degradation rates, as of `predict` [h].
+        Instead of degradation rates, as in `predict` [h].
     max_risk : float
-        Largest probability of rupture that is accepted.
+        Largest acceptable probability of rupture.
     beyond : bool
-        Whether pressures are allowed above the largest that was tested, and above what actuators
-        survived that burst at or near the degradation rate.
+        Whether to allow pressures above the largest tested one, and above those survived by
+        actuators that burst at or near the degradation rate.
     reading : float or array
-        Of a forward map of one's own: wanted readings, without reading error, in their unit.
+        For your own forward map: target readings, without reading error, in their unit.
     x : array, DataFrame or mapping of names to arrays
-        Inputs to be tried, in the order in which they are passed through; of several, the first is
-        looked for and the others go along with it.
+        Inputs to try, in order; with several inputs, the first is searched and the others vary
+        with it.
     conditions : ServiceConditions
-        Of actuators, as of `predict`.
+        For actuators, as in `predict`.
     seed, progress, optional
-        As of `calibrate`.
+        As in `calibrate`.
 
     Returns
     -------
     DataFrame
-        Of actuators a row for each combination: ``reached`` or not, the pressure at which half of
-        new specimens bend as far, what 90 % of them need, the largest pressure allowed [kPa], the
-        curvature there [1/m], the probability of rupture, and ``why`` it is not reached. Of other
-        models a row for each reading: ``reached`` by half of new specimens or not, the input that
+        For actuators a row per combination: ``reached`` or not, the pressure at which half of new
+        specimens reach the curvature, that for 90 % of them, the largest pressure allowed [kPa],
+        the curvature there [1/m], the probability of rupture, and ``why`` it is not reached. For
+        other models a row per reading: ``reached`` by half of new specimens or not, the input that
         5, 50 and 95 % of them need (``needed_q05`` to ``needed_q95``), and the ``share`` that
         reaches it.
 
     Warns
     -----
     UserWarning
-        Where a pressure or degradation rate lies outside of what was measured, and of conditions
-        that move nothing.
+        If a pressure or degradation rate lies outside the measured range, or conditions have no
+        effect.
 
     Raises
     ------
     BayesdegError
-        If something makes no sense, or the model is not of actuators.
+        If an argument is invalid, or the model is not of actuators.
     """
     experiment = _calibration(fit).model.experiment
     if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+        raise BayesdegError(f"max_risk must be between 0 and 1, not {max_risk:g}")
     if experiment.own is not None:
         other = (curvature, degradation, hours)
         return _control_own(fit, reading, x, _seed(seed, fit.seed), other)
     if reading is not None or x is not None:
-        raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
+        raise BayesdegError("a model of a study requires curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
     with _work(progress, 1, parallel=False) as (show, _):
         number, drawn = _seed(seed, fit.seed), fit.drawn
@@ -480,53 +480,53 @@ def lifetime(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Follow actuators in the soil: how long they do a duty, which pressure keeps a curvature.
+    """Predict service life in the soil, and the pressure that maintains a curvature.
 
-    An actuator fails when it bursts at the pressure of its duty, or bends by less than asked.
+    An actuator fails when it bursts at the service pressure, or bends less than required.
 
     Parameters
     ----------
     fit : Calibration
-        Of a study with actuators, and with the moisture of films against time in the soil.
+        Calibration of a study with actuators and moisture of films over time in the soil.
     pressure, curvature : float
-        The duty: gauge pressure [kPa] and the curvature that it has to make [1/m].
+        Service load: gauge pressure [kPa] and the curvature required at it [1/m].
     max_risk : float
-        Largest probability of rupture that is accepted where the pressure is raised.
+        Largest acceptable probability of rupture where the pressure is raised.
     hours : array, optional
         Times in the soil, at least two; by default up to the last film's [h].
     beyond : bool
-        Whether pressures above those tested are allowed, as of `control`.
+        Whether to allow pressures above those tested, as in `control`.
     conditions, seed, progress, optional
-        As of `control`.
+        As in `control`.
 
     Returns
     -------
     DataFrame
-        The columns of ``lifetime.csv``, a row for each time. Its ``attrs`` have ``summary`` in
-        words, ``time_to_failure_q05_h``, ``_q50_h`` and ``_q95_h`` over new actuators, and
-        ``last_reachable_...`` in the same way; None where it does not happen within the times.
+        The columns of ``lifetime.csv``, a row per time. Its ``attrs`` have ``summary`` in words,
+        ``time_to_failure_q05_h``, ``_q50_h`` and ``_q95_h`` over new actuators, and likewise
+        ``last_reachable_...``; None where it does not happen within the times.
 
     Warns
     -----
     UserWarning
-        Where something lies outside of what was measured, and of conditions that move nothing.
+        If something lies outside the measured range, or conditions have no effect.
 
     Raises
     ------
     BayesdegError
-        If something makes no sense, or the study does not tell the course of degradation.
+        If an argument is invalid, or the study has no course of degradation.
     """
     experiment = _calibration(fit).model.experiment
     if experiment.own is not None:
-        raise BayesdegError("a model with a forward map of its own has no life in the soil")
+        raise BayesdegError("lifetime needs a study with actuators, not a user's own forward map")
     if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+        raise BayesdegError(f"max_risk must be between 0 and 1, not {max_risk:g}")
     above = np.nextafter(0.0, 1.0)
     at = _numbers(pressure, "pressure", "kPa", low=above)
     [wanted] = _numbers(curvature, "curvature", "1/m", low=above)[:1]
     times = None if hours is None else _numbers(hours, "hours", "h")
     if times is not None and len(times) == 1:
-        raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
+        raise BayesdegError(f"hours has a single time, {times[0]:g}; give at least two")
     duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
         soil, drawn = experiment.soil(fit.effort, fit.seed, show), fit.drawn
@@ -550,9 +550,9 @@ def _levels(
     seed: int,
     progress: Progress,
 ) -> tuple[Level, ...]:
-    """Return degradation rates, given or by hours in the soil."""
+    """Return degradation rates, given or derived from hours in the soil."""
     if degradation is not None and hours is not None:
-        raise BayesdegError("give degradation= or hours=, not both")
+        raise BayesdegError("give either degradation= or hours=, not both")
     times = None if hours is None else _numbers(hours, "hours", "h")
     experiment = fit.model.experiment
     if degradation is None and hours is None and not fit.fit.model.degrades:
@@ -567,8 +567,8 @@ def _control_own(
 ) -> pd.DataFrame:
     if reading is None or x is None or any(one is not None for one in other):
         raise BayesdegError(
-            "a model with a forward map of its own has no pressure and no curvature: ask "
-            "control(fit, reading=..., x=...), the wanted reading and the inputs to be tried"
+            "a model with its own forward map has no pressure and no curvature: use "
+            "control(fit, reading=..., x=...), with target reading and inputs to try"
         )
     wanted = np.atleast_1d(np.asarray(reading, dtype=np.float64))
     if not np.all(np.isfinite(wanted)):
@@ -598,35 +598,36 @@ def report(
     Parameters
     ----------
     path : Path
-        The folder; it is made, and refused where it holds something else.
+        The folder; it is created, or refused if it contains anything else.
     base : Calibration
-        Of the base model.
+        Calibration of the base model.
     final : Calibration, optional
-        Of the model with the causes of the verdict; the base model's where there is none.
+        Calibration with the causes of the verdict; by default the base model's.
     verdict : Verdict
-        Of the base model.
+        Verdict on the base model.
     full : bool
-        Whether to compute also what the calibration rests on, what the films alone say, and
-        deformed actuators, which takes about a minute; without, the page is said to lack them.
+        Whether to compute also the importance of each kind of data, what the films alone say, and
+        deformed actuators, which takes about a minute; otherwise the page says that they are
+        missing.
     workers, progress, optional
-        As of `calibrate`.
+        As in `calibrate`.
 
     Returns
     -------
     Report
-        Prints the path of the page, and is a link in a notebook.
+        Prints the path of the page; a link in a notebook.
 
     Raises
     ------
     BayesdegError
-        If calibrations and verdict do not belong together, or the folder cannot be written to.
+        If calibrations and verdict do not match, or the folder is not writable.
     """
     experiment = _calibration(base).model.experiment
     last = base if final is None else _calibration(final)
     if verdict is None:
         raise BayesdegError("a report needs a verdict: report(path, base, final, verdict)")
     if verdict.model is not base.model:
-        raise BayesdegError("the verdict is of another model than the base calibration")
+        raise BayesdegError("the verdict is of a different model than the base calibration")
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
         return write_run(Path(path), base, last, verdict, show, executor, full=full)
 
@@ -640,37 +641,37 @@ def update(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> Update:
-    """Let further readings of actuators enter a finished run in seconds, as ``bayesdeg update``.
+    """Update a finished run with new actuator readings in seconds, as ``bayesdeg update``.
 
-    Draws of the run's posterior are weighed by what the new readings say; where few of them carry
-    the weight, a law is fitted to them and drawn from with all readings. The run stays as it is:
-    a new run folder is written, with posteriors, bands, ruptures, decisions, life and shares
-    of all readings. The verdict is not judged again.
+    Draws of the run's posterior are reweighted by the new readings; if few of them carry the
+    weight, a law is fitted to them and sampled with all readings. The run is not changed: a new run
+    folder is written, with posteriors, bands, ruptures, decisions, life and shares of all readings.
+    The verdict is not updated.
 
     Parameters
     ----------
     run : Path or Report
         The run folder; its study must be where it was, and unchanged.
     new : Path or DataFrame
-        Rows of ``actuator.csv``, of new or of earlier specimens: a CSV file or its columns.
+        Rows of ``actuator.csv``, of new or earlier specimens: a CSV file or its columns.
     out : Path, optional
-        The new run folder; by default beside the run, with ``_updated`` after its name.
+        The new run folder; by default next to the run, with ``_updated`` appended to its name.
     emulator : Path, optional
-        File of the emulator that the run was given, if it was.
+        The emulator file given to the run, if any.
     seed, progress, optional
-        As of `calibrate`.
+        As in `calibrate`.
 
     Returns
     -------
     Update
-        ``.folder``, ``.summary()``, ``.posterior``; prints the parameters that moved most.
+        ``.folder``, ``.summary()``, ``.posterior``; prints the parameters that shifted most.
 
     Raises
     ------
     StudyError
-        With every fault of the new rows.
+        Lists every fault of the new rows.
     BayesdegError
-        If the run cannot be updated, or the new folder is not free.
+        If the run cannot be updated, or the new folder is in use.
     """
     if isinstance(new, pd.DataFrame):
         name, content = "rows", new.to_csv(index=False).encode()
@@ -691,26 +692,26 @@ def update(
 
 def _model(given: object) -> Model:
     if not isinstance(given, Model):
-        raise BayesdegError(f"calibrate takes a bayesdeg.Model, not {type(given).__name__}")
+        raise BayesdegError(f"calibrate needs a bayesdeg.Model, not {type(given).__name__}")
     return given
 
 
 def _calibration(given: object) -> Calibration:
     if not isinstance(given, Calibration):
-        raise BayesdegError(f"give what calibrate(model) returns, not {type(given).__name__}")
+        raise BayesdegError(f"give the result of calibrate(model), not {type(given).__name__}")
     return given
 
 
 def _effort(name: str) -> Effort:
     if name not in EFFORTS:
-        raise BayesdegError(f"there is no effort {name!r}; {use_one_of(name, EFFORTS)}")
+        raise BayesdegError(f"unknown effort {name!r}; {use_one_of(name, EFFORTS)}")
     return name
 
 
 def _seed(given: int | None, default: int) -> int:
     seed = default if given is None else given
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise BayesdegError(f"seed must be a whole number not below 0, not {seed!r}")
+        raise BayesdegError(f"seed must be a whole number of at least 0, not {seed!r}")
     return int(seed)
 
 
@@ -722,13 +723,13 @@ def _of_answers(seed: int) -> np.random.SeedSequence:
 def _numbers(
     values: ArrayLike | None, name: str, unit: str, *, low: float = 0.0, high: float = np.inf
 ) -> Floats:
-    """Return numbers rising, each once."""
+    """Return sorted unique numbers."""
     if values is None:
-        raise BayesdegError(f"a model of a study needs {name}= [{unit}]")
+        raise BayesdegError(f"a model of a study requires {name}= [{unit}]")
     found = np.unique(np.atleast_1d(np.asarray(values, dtype=np.float64)))
     if not len(found) or not np.all(np.isfinite(found) & (found >= low) & (found <= high)):
-        limit = f" and not above {high:g}" if np.isfinite(high) else ""
-        least = "above 0" if 0.0 < low < 1e-300 else f"not below {low:g}"
+        limit = f" and at most {high:g}" if np.isfinite(high) else ""
+        least = "above 0" if 0.0 < low < 1e-300 else f"of at least {low:g}"
         raise BayesdegError(f"{name} must be finite numbers {least}{limit} [{unit}]: {values}")
     return found
 
@@ -742,7 +743,7 @@ def _warn(messages: Iterable[str]) -> None:
 def _work(
     progress: bool | None, workers: int | None, *, parallel: bool
 ) -> Iterator[tuple[Progress, Executor | None]]:
-    """Show progress, and open worker processes where they are of use."""
+    """Show progress, and open worker processes where they are useful."""
     count = workers if workers is not None else os.cpu_count() or 1
     if count < 1:
         raise BayesdegError(f"workers must be 1 or more, not {workers}")

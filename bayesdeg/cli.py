@@ -1,4 +1,4 @@
-"""The command line: ``bayesdeg run STUDY`` and what stands around it, with its exit codes."""
+"""The command line, ``bayesdeg run STUDY`` and related commands, with its exit codes."""
 
 import errno
 import io
@@ -30,8 +30,8 @@ for command in COMMANDS:
     app.command(command.name, epilog=command.epilog)(command.call)
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
-INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped
-_requests: list[int] = []  # signals that asked this process to end
+INTERRUPTED = 130  # typer's exit code after Ctrl-C
+_requests: list[int] = []  # signals received that ask this process to end
 
 
 def _print_version(wanted: bool) -> None:
@@ -49,7 +49,7 @@ def group(
         ),
     ] = False,
 ) -> None:
-    """Offer what all commands share; its own help is that of the group."""
+    """Options common to all commands; the help is that of the group."""
 
 
 def main() -> None:
@@ -59,13 +59,13 @@ def main() -> None:
     try:
         signals.answer(_stop)
         code = exit_code()
-    except KeyboardInterrupt:  # a second signal, while the first was being answered
+    except KeyboardInterrupt:  # a second signal while the first was handled
         code = STOPPED
-    except OSError:  # nothing can be said any more: the terminal is gone
+    except OSError:  # the terminal is gone, so no message is possible
         code = STOPPED
-    signals.ignore()  # what is done is done
+    signals.ignore()  # from here on, finish
     if code != DONE:
-        # at once: worker processes end with this one, whatever they are at
+        # end at once: worker processes end with this one
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
@@ -74,28 +74,28 @@ def main() -> None:
 
 
 def _give_back_semaphores() -> None:
-    """Remove what workers shared: else the system is told of it as leaked, on the terminal."""
+    """Release shared semaphores, else they are reported as leaked on the terminal."""
     util = sys.modules.get("multiprocessing.util")
     if util is not None:
-        with suppress(Exception):  # nothing may keep the command from ending
+        with suppress(Exception):  # nothing may prevent the command from ending
             util._run_finalizers(0)
 
 
 def _stop(number: int, _frame: FrameType | None) -> None:
-    """Take any request to end as if the user had pressed Ctrl-C."""
+    """Treat any request to end like Ctrl-C."""
     _requests.append(number)
     raise KeyboardInterrupt
 
 
 def _ended() -> object:
-    """Run the command; any fault after a request to end is that request.
+    """Run the command; treat any fault after a request to end as that request.
 
-    A library that is interrupted half-way (an extension that is being imported, a pool whose
-    workers heard the signal too) may raise what it likes.
+    An interrupted library (an extension being imported, a pool whose workers also received the
+    signal) may raise anything.
     """
     try:
         ended = app(standalone_mode=False)
-    except (Stopped, ResumableError):  # they say more
+    except (Stopped, ResumableError):  # they carry a better message
         raise
     except Exception:
         if _requests:
@@ -107,7 +107,7 @@ def _ended() -> object:
 
 
 def exit_code() -> int:
-    """Run the command that stands in ``sys.argv``; return its exit code."""
+    """Run the command in ``sys.argv``; return its exit code."""
     try:
         ended = _ended()
     except StudyError as fault:
@@ -121,18 +121,18 @@ def exit_code() -> int:
         errors.print(str(stopped), soft_wrap=True)
         return STOPPED
     except (KeyboardInterrupt, typer.Abort):
-        errors.print("stopped; the same command goes on where this run stopped")
+        errors.print("stopped; run the same command again to resume")
         return STOPPED
     except MemoryError:
-        _say("there is not enough memory; close other programs, or make the study smaller")
+        _say("not enough memory; close other programs, or make the study smaller")
         return STOPPED
     except BrokenExecutor:
         _say(
-            "a worker process was ended from outside, as systems do that run out of memory; give "
-            "the same command again, with --workers 1 it needs less"
+            "the system ended a worker process, probably for lack of memory; run the same command "
+            "again, with --workers 1 to use less"
         )
         return STOPPED
-    except (BrokenPipeError, SystemExit):  # rich's: whoever read the output has seen enough
+    except (BrokenPipeError, SystemExit):  # from rich: the reader closed the output
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return DONE
     except OSError as fault:
@@ -141,7 +141,7 @@ def exit_code() -> int:
         if not no_room(fault):
             return _our_fault()
         place = f" for {fault.filename}" if fault.filename else ""
-        _say(f"there is no room{place} ({reason(fault)}); make room and repeat the command")
+        _say(f"no space left{place} ({reason(fault)}); free some space and run the command again")
         return STOPPED
     except Exception as fault:
         if hasattr(fault, "format_message") and hasattr(fault, "exit_code"):  # click's usage errors
@@ -151,9 +151,9 @@ def exit_code() -> int:
 
 
 def _our_fault() -> int:
-    """Print the fault that is being handled, to be sent to us."""
+    """Print the current exception for a bug report."""
     traceback.print_exc()
-    errors.print(f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above.")
+    errors.print(f"This is a bug in bayesdeg {bayesdeg.__version__}: please send us the above.")
     return OUR_FAULT
 
 

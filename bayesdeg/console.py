@@ -14,14 +14,14 @@ from rich.table import Column
 
 from bayesdeg.pipeline.progress import Silent
 
-WIDTH = 120  # of what is not printed to a terminal
-LINE_EVERY = 30.0  # of a stage that goes on [s]: a log of an hour keeps to a hundred lines
+WIDTH = 120  # of output that does not go to a terminal
+LINE_EVERY = 30.0  # interval of progress lines [s]: at most a hundred lines per hour
 
 
 def console(*, stderr: bool = False, width: int | None = None) -> Console:
-    """Return a console that prints texts as they are.
+    """Return a console that prints text verbatim.
 
-    Names and paths of users may hold what rich takes for markup or the code of an emoji.
+    Users' names and paths may contain rich markup or emoji codes.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ errors = console(stderr=True)
 
 
 def output() -> Console:
-    """Return standard output, wide enough for a table where it is no terminal."""
+    """Return standard output, wide enough for a table if it is not a terminal."""
     printed = console()
     return printed if printed.is_terminal else console(width=WIDTH)
 
@@ -56,7 +56,7 @@ class Bars:
         self._task: TaskID | None = None
 
     def stage(self, name: str, total: float | None = None) -> None:
-        """Finish the stage before and begin another."""
+        """Finish the current stage and begin a new one."""
         self.finish()
         self._task = self._bars.add_task(name, total=total, note="")
 
@@ -73,9 +73,9 @@ class Bars:
 
 
 class Lines:
-    """Shows stages as lines of text, where standard error is no terminal.
+    """Shows stages as lines of text, if standard error is not a terminal.
 
-    A stage has a line when it begins, one when it ends, and now and then one between them.
+    Each stage prints a line when it begins and ends, and occasionally in between.
 
     Parameters
     ----------
@@ -104,14 +104,14 @@ class Lines:
         self._began = self._shown = 0.0
 
     def stage(self, name: str, total: float | None = None) -> None:
-        """Finish the stage before and begin another."""
+        """Finish the current stage and begin a new one."""
         self.finish()
         self._name, self._note = name, ""
         self._began = self._shown = self._clock()
         self._write(f"{name} ...")
 
     def advance(self, steps: float = 1.0, note: str = "") -> None:
-        """Take notice, and say so if nothing was said for a while."""
+        """Advance, and print a line if none was printed for a while."""
         self._note = note or self._note
         now = self._clock()
         if self._name and now - self._shown >= LINE_EVERY:
@@ -130,7 +130,7 @@ class Lines:
 
 
 def can_show_bars() -> bool:
-    """Return whether somebody looks at standard error where bars can move: a terminal, a notebook.
+    """Return whether standard error can show moving bars: a terminal or notebook.
 
     In a notebook they need ``ipywidgets``.
     """
@@ -140,7 +140,7 @@ def can_show_bars() -> bool:
 
 @contextmanager
 def shown(quiet: bool) -> Iterator[Bars | Lines | Silent]:
-    """Show the progress of a command, or nothing if it is to be quiet."""
+    """Show the progress of a command, or nothing if quiet."""
     if quiet:
         yield Silent()
     elif can_show_bars():

@@ -1,15 +1,15 @@
-"""What can go wrong at the user's side: each fault carries the value, what is wrong, the remedy."""
+"""Errors that the user can fix: each carries the value, what is wrong, and the remedy."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 
-LONGEST = 120  # characters of a value that are shown
+LONGEST = 120  # shown characters of a value
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of the input, in the words the user reads.
+    """A fault of the input, worded for the user.
 
     Parameters
     ----------
@@ -24,9 +24,9 @@ class Fault:
     column : str, optional
         Column or key.
     value : str, optional
-        The offending value, as it stands in the file.
+        The offending value, as written in the file.
     specimen : str, optional
-        The specimen, where the fault is not of one row.
+        The specimen, if the fault concerns several rows.
 
     Examples
     --------
@@ -58,15 +58,15 @@ class Fault:
 
 
 class BayesdegError(Exception):
-    """Base of every error that the user can do something about."""
+    """Base of every error that the user can fix."""
 
 
 class ResumableError(BayesdegError):
-    """What stopped the work from outside: nothing is lost, and the same command goes on."""
+    """An outside interruption: nothing is lost, and the same command resumes."""
 
 
 class Stopped(Exception):  # noqa: N818 - it is not an error
-    """The user stopped a command, which can be resumed; the message says what stays and how."""
+    """The user stopped a command, which can be resumed; the message says what is kept and how."""
 
 
 class StudyError(BayesdegError):
@@ -84,18 +84,18 @@ class StudyError(BayesdegError):
 
 
 class GeometryError(BayesdegError):
-    """Dimensions of which no actuator can be made; the message says why."""
+    """Dimensions that no actuator can have; the message says why."""
 
 
 def nearest(word: str, known: Iterable[str], *, cutoff: float = 0.6) -> str | None:
-    """Find the known word most like the given one, upper and lower case being the same.
+    """Find the known word most similar to the given one, ignoring case.
 
     Parameters
     ----------
     word : str
-        The word as it stands.
+        The word as written.
     known : iterable of str
-        What it may have been meant to be.
+        Candidates for the intended word.
     cutoff : float
         Least similarity in the sense of `difflib.SequenceMatcher.ratio`.
 
@@ -117,29 +117,29 @@ def nearest(word: str, known: Iterable[str], *, cutoff: float = 0.6) -> str | No
 
 
 def use_one_of(word: str, known: Iterable[str]) -> str:
-    """Word the remedy for a word that is not among the known ones.
+    """Word the remedy for an unknown word.
 
     Parameters
     ----------
     word : str
-        The word as it stands.
+        The word as written.
     known : iterable of str
-        What may stand there.
+        The allowed words.
 
     Returns
     -------
     str
-        A suggestion if there is one, and always the whole list.
+        A suggestion, if there is one, and the whole list.
 
     Examples
     --------
     >>> use_one_of("uniaxal", ["uniaxial", "planar"])
-    "did you mean 'uniaxial'? One of uniaxial, planar must stand here"
+    "did you mean 'uniaxial'? Use one of uniaxial, planar"
     >>> use_one_of("biaxial", ["uniaxial", "equibiaxial"])
-    "did you mean 'equibiaxial'? One of uniaxial, equibiaxial must stand here"
+    "did you mean 'equibiaxial'? Use one of uniaxial, equibiaxial"
     """
     known = tuple(known)
     longer = [entry for entry in known if len(word) > 2 and word.casefold() in entry.casefold()]
     best = longer[0] if longer else nearest(word, known)
-    suggestion = f"did you mean {best!r}? One of" if best else "one of"
-    return f"{suggestion} {', '.join(known)} must stand here"
+    suggestion = f"did you mean {best!r}? Use one of" if best else "use one of"
+    return f"{suggestion} {', '.join(known)}"

@@ -1,4 +1,4 @@
-"""Files are read only if they are regular and not too large, and written whole or not at all."""
+"""Read only regular files of limited size; write files completely or not at all."""
 
 import errno
 import json
@@ -16,19 +16,19 @@ from zipfile import BadZipFile
 from bayesdeg.errors import BayesdegError, ResumableError
 
 LIMIT = "BAYESDEG_LARGEST_FILE_MB"
-"""Environment variable that raises the size up to which files are read [MB]."""
+"""Environment variable that raises the size limit of input files [MB]."""
 
 #: A study's CSV file of 20 MB has some 300,000 rows and takes 0.5 GB of memory to check [MB].
 STUDY_MB = 20.0
-#: Tables and documents of a run hold several rows for a reading [MB].
+#: Tables and documents of a run have several rows per reading [MB].
 RUN_MB = 200.0
 #: An emulator has about 2 MB [MB].
 EMULATOR_MB = 200.0
 
-#: Levels of lists and tables within one another; what bayesdeg reads has at most six.
+#: Nesting limit of lists and tables; formats of bayesdeg have at most six levels.
 DEEPEST = 30
 
-#: What zipfile and numpy say of an archive of arrays that is damaged, or promises what it lacks.
+#: Exceptions of zipfile and numpy for a damaged or incomplete archive of arrays.
 OF_DAMAGED_ARCHIVES = (
     *(OSError, ValueError, LookupError, EOFError, RuntimeError, TypeError),
     *(MemoryError, OverflowError, struct.error, BadZipFile, zlib.error),
@@ -49,21 +49,21 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def read_bytes(path: Path | Traversable, *, most_mb: float) -> bytes:
     """Return the content of a regular file that is not too large.
 
-    A named pipe would keep the reader waiting, and a device may have no end.
+    A named pipe would block, and a device may never end.
 
     Parameters
     ----------
     path : Path
-        The file; resources of a package are read as they are.
+        The file; package resources are read without checks.
     most_mb : float
         Largest size [MB]; `LIMIT` in the environment may raise it.
 
     Raises
     ------
     OSError
-        If it cannot be read, is no regular file or too large; ``strerror`` says so in words.
+        If it cannot be read, is not a regular file or too large; ``strerror`` says why.
     BayesdegError
-        If `LIMIT` in the environment holds no size.
+        If `LIMIT` in the environment is not a size.
     """
     if not isinstance(path, Path):
         return path.read_bytes()
@@ -77,12 +77,12 @@ def read_bytes(path: Path | Traversable, *, most_mb: float) -> bytes:
 
 
 def refuse_special(path: Path) -> None:
-    """Refuse what is there but no regular file.
+    """Refuse anything but a regular file.
 
     Raises
     ------
     OSError
-        If it is not there, or is a folder, named pipe, device or socket.
+        If it does not exist, or is a folder, named pipe, device or socket.
     """
     mode = path.stat().st_mode
     if not stat.S_ISREG(mode):
@@ -92,8 +92,8 @@ def refuse_special(path: Path) -> None:
 
 def _too_large(size: int, most: int) -> str:
     return (
-        f"it has {max(size, most) / 1e6:.0f} MB, more than the {most / 1e6:.0f} MB that are read; "
-        f"if it is the right file, set the environment variable {LIMIT} to a larger number"
+        f"it has {max(size, most) / 1e6:.0f} MB, above the limit of {most / 1e6:.0f} MB; if it is "
+        f"the right file, set the environment variable {LIMIT} to a larger number"
     )
 
 
@@ -107,19 +107,19 @@ def _raised_limit() -> float:
         limit = -1.0
     if not 0.0 < limit <= 1e6:
         raise BayesdegError(
-            f"{LIMIT}={text!r} in the environment is no size; set it to a number of megabytes, "
-            "such as 500, or leave it out"
+            f"{LIMIT}={text!r} in the environment is not a size; set it to a number of megabytes, "
+            "such as 500, or unset it"
         )
     return limit
 
 
 def parse_json(text: str | bytes) -> object:
-    """Return what a JSON text holds.
+    """Parse a JSON text.
 
     Raises
     ------
     ValueError
-        If it is no JSON, or is nested too deeply.
+        If it is not JSON, or is nested too deeply.
     """
     try:
         content: object = json.loads(text)
@@ -131,7 +131,7 @@ def parse_json(text: str | bytes) -> object:
 
 
 def too_deep(content: object) -> bool:
-    """Return whether lists and tables stand within one another at more than `DEEPEST` levels.
+    """Return whether lists and tables are nested more than `DEEPEST` levels deep.
 
     Examples
     --------
@@ -154,17 +154,17 @@ def _within(content: object) -> Sequence[object]:
 
 @contextmanager
 def written(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write to; the file is at its own once it is whole, on disk.
+    """Yield a temporary name to write to; rename it once the file is complete on disk.
 
     Parameters
     ----------
     path : Path
-        The file; its folder is made if it is not there.
+        The file; its folder is created if necessary.
 
     Raises
     ------
     ResumableError
-        If it cannot be written, as when the disk is full; what was there before stays.
+        If it cannot be written, as when the disk is full; an earlier file stays.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -178,34 +178,34 @@ def written(path: Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
     except OSError as fault:
         raise ResumableError(
-            f"{path} cannot be written ({reason(fault)}); make room or allow writing, and repeat "
-            "the command, which goes on where it stopped"
+            f"{path} cannot be written ({reason(fault)}); free some space or allow writing, and "
+            "run the same command again to resume"
         ) from fault
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
-    """Write a content: whole or not at all.
+    """Write bytes completely or not at all.
 
-    HDF5 and zip archives are made in memory first, since their libraries do not end in good order
-    on a full disk.
+    HDF5 and zip archives are built in memory first, since their libraries do not fail cleanly on a
+    full disk.
     """
     with written(path) as part:
         part.write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text in UTF-8, with the line ends that it has: whole or not at all."""
+    """Write a UTF-8 text with its line ends, completely or not at all."""
     with written(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
 
 
 def spreadsheet_safe(cell: object) -> object:
-    """Return a cell that no spreadsheet takes for a formula: a text of that kind gets a quote.
+    """Return a cell that no spreadsheet reads as a formula: quote such text.
 
     Parameters
     ----------
     cell : object
-        What is to be written; only texts change, and `as_named` gives them back.
+        The value to write; only texts change, and `as_named` restores them.
 
     Examples
     --------
@@ -218,7 +218,7 @@ def spreadsheet_safe(cell: object) -> object:
 
 
 def as_named(cell: object) -> object:
-    """Return the text of which `spreadsheet_safe` made a cell.
+    """Return the original text of a cell from `spreadsheet_safe`.
 
     Examples
     --------
@@ -229,7 +229,7 @@ def as_named(cell: object) -> object:
 
 
 def reason(fault: OSError) -> str:
-    """Return in words why the system refused.
+    """Return in words why a system call failed.
 
     Examples
     --------
@@ -240,5 +240,5 @@ def reason(fault: OSError) -> str:
 
 
 def no_room(fault: OSError) -> bool:
-    """Return whether a disk is full, or a quota or limit on the size of files is reached."""
+    """Return whether a disk is full, or a quota or file size limit is reached."""
     return fault.errno in _NO_ROOM

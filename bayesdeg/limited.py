@@ -1,8 +1,8 @@
-"""Work on a file that may be damaged, done by a process that may be lost.
+"""Read possibly damaged files in a separate process with limits.
 
-On a damaged file a library in C can go in circles for ever, ask for any amount of memory or crash,
-and nothing in Python stops it there. So another process does the work, with limits that the system
-enforces, and hands over bytes; the one that asked goes on whatever becomes of it.
+On a damaged file a C library can loop forever, allocate any amount of memory or crash, and Python
+cannot stop it. So a separate process, limited by the operating system, does the work and returns
+bytes; the caller survives whatever happens to it.
 """
 
 import os
@@ -13,14 +13,14 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Never
 
-PATIENCE_S = 300.0  # by the clock, on a machine that does much else, or has no limit of its own
-IS_DAMAGED = 3  # exit code, with what is wrong on the standard error
-NOT_BEGUN = 1  # of Python, for instance without the library, with a traceback there
-ENDLESS = "reading it does not come to an end"
+PATIENCE_S = 300.0  # wall time, for a busy machine or one without CPU limits
+IS_DAMAGED = 3  # exit code; the fault is on standard error
+NOT_BEGUN = 1  # Python's exit code, as without the library; a traceback is on standard error
+ENDLESS = "reading it timed out"
 
 
 def asked(program: str, *words: object, library: str) -> bytes:
-    """Return what a program writes that reads a file and ends with `ended`.
+    """Return the output of a program that reads a file and ends with `ended`.
 
     Parameters
     ----------
@@ -29,12 +29,12 @@ def asked(program: str, *words: object, library: str) -> bytes:
     words : object
         Its arguments, as text.
     library : str
-        Which library reads, for the message.
+        Name of the reading library, for the message.
 
     Raises
     ------
     ValueError
-        If the program found that the file is damaged, or did not come back; what is wrong.
+        If the program found the file damaged, or did not return; says what is wrong.
 
     Examples
     --------
@@ -60,38 +60,38 @@ def asked(program: str, *words: object, library: str) -> bytes:
     said = found.stderr.decode("utf-8", "replace").strip().splitlines()
     if found.returncode in (IS_DAMAGED, NOT_BEGUN) and said:
         raise ValueError(said[-1])
-    raise ValueError(f"{ENDLESS}, or {library} fails on it")
+    raise ValueError(f"{ENDLESS}, or {library} crashed")
 
 
 def ended(work: Callable[[], bytes], *, seconds: int, megabytes: float) -> Never:
-    """Do the work of such a program within limits, write what it returns, and end the process.
+    """Do the program's work within limits, write its result, and end the process.
 
     Parameters
     ----------
     work : callable
-        Any exception of it says that the file is damaged.
+        Any exception means that the file is damaged.
     seconds : int
-        Of the processor [s].
+        CPU time [s].
     megabytes : float
-        Of addresses [MB].
+        Address space [MB].
     """
     limit_this_process(seconds, megabytes)
     code = IS_DAMAGED
     try:
         found = work()
-    except Exception as fault:  # of a damaged file a library raises what it likes
+    except Exception as fault:  # a library may raise anything on a damaged file
         words = str(fault).split()
         print(*(words or [type(fault).__name__]), file=sys.stderr, flush=True)
     else:
         sys.stdout.buffer.write(found)
         sys.stdout.flush()
         code = 0
-    os._exit(code)  # half an object of a damaged file complains when it is let go
+    os._exit(code)  # partial objects of a damaged file may fail in their destructor
 
 
 def limit_this_process(seconds: int, megabytes: float) -> None:
-    """Have the system end this process where it goes in circles or asks for all memory."""
-    with suppress(ImportError):  # on a system without, the clock alone ends it
+    """Limit CPU time and memory of this process."""
+    with suppress(ImportError):  # on systems without this module only the clock ends it
         resource, most = import_module("resource"), int(megabytes * 1e6)
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,4 +1,4 @@
-"""Prior laws: densities, maps to the whole real line, and the parameter that carries one."""
+"""Prior laws: densities, maps to the real line, and the parameters that carry them."""
 
 import difflib
 import math
@@ -21,11 +21,11 @@ _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 @runtime_checkable
 class Law(Protocol):
-    """A univariate probability law, vectorised over its arguments.
+    """A univariate probability distribution, vectorised over its arguments.
 
     The maps to and from the unconstrained scale follow from the support: x = z where it is the
     whole line, x = exp(z) where it is (0, ∞), x = low + (high − low) / (1 + exp(−z)) where it is
-    bounded.  `TruncatedNormal` alone replaces them.
+    bounded.  Only `TruncatedNormal` overrides them.
     """
 
     @property
@@ -48,14 +48,14 @@ class Law(Protocol):
     def untruncated_log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Return the log density continued smoothly over the bounds of a truncated law.
 
-        Differs from `log_density` for `TruncatedNormal` only, whose normalising constant it keeps:
+        Differs from `log_density` only for `TruncatedNormal`, whose normalising constant it keeps:
         for derivatives at a value on the bound.
         """
         return self.log_density(x)
 
     def sample(self, generator: np.random.Generator, size: Size = None) -> FloatArray:
-        """Draw by inversion, one uniform number a draw."""
-        # the generator may return exactly 0, of which an unbounded law has no finite quantile
+        """Draw by inversion, one uniform number per draw."""
+        # the generator may return exactly 0, where an unbounded law has no finite quantile
         return self.quantile(generator.uniform(2.0**-54, 1.0, size))
 
     def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
@@ -76,7 +76,7 @@ class Law(Protocol):
                 return z
             if math.isinf(high):
                 return np.exp(z)
-            # each bound is approached from itself, lest rounding overstep it
+            # compute from the nearer bound, so that rounding does not overstep it
             return np.where(
                 z < 0.0,
                 low + (high - low) * scipy.special.expit(z),
@@ -191,8 +191,8 @@ class StudentT(Law):
         return self.mean + self._scale * standard
 
 
-# standard deviations: how far the nearer bound may be, and how far apart both must be, so that the
-# probability between them is one of double precision: at least 1e-200 and 1e-9 of a density
+# in standard deviations: largest distance of the nearer bound, and least distance of the bounds,
+# for which the probability between them is accurate: at least 1e-200 and 1e-9 of a density
 PLAINLY_NEAR, PLAINLY_WIDE = 30.0, 1e-9
 
 
@@ -200,8 +200,8 @@ PLAINLY_NEAR, PLAINLY_WIDE = 30.0, 1e-9
 class TruncatedNormal(Law):
     """Normal law of given mean and standard deviation before truncation to low ≤ x ≤ high.
 
-    It stays on the linear scale deliberately: the neutral value of a cause often lies on its
-    bound, where log density and derivatives must exist and where a log scale would put it at −∞.
+    It stays on the linear scale deliberately: the neutral value of a cause often lies on its bound,
+    where log density and derivatives must exist and where a log scale would put it at −∞.
     """
 
     mean: float
@@ -219,9 +219,9 @@ class TruncatedNormal(Law):
 
     @property
     def _surely_some(self) -> bool:
-        """Whether there plainly is probability between the bounds, without a special function.
+        """Whether there is probability between the bounds, decided without a special function.
 
-        They take a third of a second to import, and the catalogue holds such laws.
+        Those take a third of a second to import, and the catalogue contains such laws.
         """
         low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
         return max(low, -high) < PLAINLY_NEAR and high - low > PLAINLY_WIDE
@@ -258,7 +258,7 @@ class TruncatedNormal(Law):
     def quantile(self, u: npt.ArrayLike) -> FloatArray:
         u = np.asarray(u, dtype=float)
         low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
-        # the normal law is accurate in its lower tail only, so an upper tail is mirrored
+        # the normal law is accurate in its lower tail only, so mirror an upper tail
         sign = -1.0 if low > 0.0 else 1.0
         if sign < 0.0:
             low, high, u = -high, -low, 1.0 - u
@@ -398,11 +398,11 @@ class Uniform(Law):
 
 @dataclass(frozen=True)
 class Choice(Law):
-    """One state of two: a parameter that has it, or its neutral value where its cause is not there.
+    """One of two states: the parameter has the state, or its neutral value without its cause.
 
-    Its evidence is that of a model with the state against one without. A sampler needs a density:
-    it moves within ±1e-5 of the state, by a normal law, and `ParameterTable.named` gives the state.
-    It cannot be stated in a study: nothing about it can be believed but how likely the cause is.
+    Its evidence compares a model with the state to one without. A sampler needs a density: the
+    parameter moves within ±1e-5 of the state by a normal law, and `ParameterTable.named` returns
+    the state. A study cannot set this prior: only the probability of the cause is uncertain.
 
     Examples
     --------
@@ -463,16 +463,16 @@ class Choice(Law):
         return self._about.log_jacobian(z)
 
     def settled(self, x: FloatArray) -> FloatArray:
-        """Return the state for values about it, and others as they are."""
+        """Return the state for values near it, and others unchanged."""
         low, high = self.support
         return np.where((x >= low) & (x <= high), self.state, x)
 
 
 @dataclass(frozen=True)
 class Flat(Law):
-    """Density 1 between low and high, of which at least one is infinite: no probability law.
+    """Density 1 between low and high, of which at least one is infinite: an improper prior.
 
-    It states a bound and leaves the rest to the likelihood, as an undeclared prior does in Stan.
+    It sets a bound and leaves the rest to the likelihood, like an undeclared prior in Stan.
     A posterior under it must be made proper by the data, and its evidence has no absolute meaning.
     It has no quantiles and cannot be drawn from; a study's priors are therefore never flat.
 
@@ -481,7 +481,7 @@ class Flat(Law):
     Raises
     ------
     ValueError
-        If both bounds are finite (`Uniform` is the law), or they are no interval.
+        If both bounds are finite (use `Uniform`), or are not an interval.
 
     Examples
     --------
@@ -572,28 +572,28 @@ LAWS: Mapping[str, _LawClass] = {
     "half_cauchy": HalfCauchy,
 }
 
-#: Of an argument; no parameter is as large in its unit.
+#: Largest argument of a law; no parameter is as large in its unit.
 _LARGEST = 1e12
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A named unknown with its prior law.
+    """A named unknown with its prior.
 
     Parameters
     ----------
     name : str
-        Name by which sampler, report and study file know it.
+        Name used by sampler, report and study file.
     law : Law
         Prior law.
     unit : str
         Unit of its values; an en dash, the default, if it has none.
     meaning : str
-        What it is, in words; empty by default.
+        Description in words; empty by default.
     neutral : float, optional
         The value at which it has no effect; its prior density there must not vanish.
     least : float
-        Smaller values act as this one, see `at_least`; 0 if there is no such bound.
+        Smaller values act like this one, see `at_least`; 0 for no bound.
 
     Raises
     ------
@@ -627,7 +627,7 @@ class Parameter:
 
 
 def law_from_mapping(mapping: Mapping[str, object]) -> Law:
-    """Return the law that a table of a study file describes.
+    """Return the law described by a table of a study file.
 
     Parameters
     ----------
@@ -653,7 +653,7 @@ def law_from_mapping(mapping: Mapping[str, object]) -> Law:
     ValueError: unknown law 'norml'; did you mean 'normal'?
     """
     if "law" not in mapping:
-        raise ValueError(f"key 'law' is missing; it is one of {', '.join(LAWS)}")
+        raise ValueError(f"key 'law' is missing; use one of {', '.join(LAWS)}")
     name = mapping["law"]
     if not isinstance(name, str) or name not in LAWS:
         raise ValueError(f"unknown law {name!r}; {_suggestion(str(name), list(LAWS))}")
@@ -675,7 +675,7 @@ def law_from_mapping(mapping: Mapping[str, object]) -> Law:
 
 def _suggestion(word: str, known: list[str]) -> str:
     nearest = difflib.get_close_matches(word.lower(), known, n=1)
-    return f"did you mean {nearest[0]!r}?" if nearest else f"it is one of {', '.join(known)}"
+    return f"did you mean {nearest[0]!r}?" if nearest else f"use one of {', '.join(known)}"
 
 
 def _number(value: object, key: str) -> float:
@@ -687,18 +687,18 @@ def _number(value: object, key: str) -> float:
 
 
 class _Together(NamedTuple):
-    """A law for several columns of vectors: one, or several of a class with arrays of arguments."""
+    """A law for several columns of vectors: one law, or laws of a class with array arguments."""
 
     law: Law
     columns: list[int]
 
 
 _STACKED = (Normal, TruncatedNormal, LogNormal, HalfNormal)
-"""Laws that take arrays of arguments, as their scale depends on their class alone."""
+"""Laws that accept array arguments, as their scale depends only on their class."""
 
 
 def _together(laws: Sequence[Law]) -> tuple[_Together, ...]:
-    """Return laws of a class as one: numpy's calls cost more than what they work out."""
+    """Combine laws of a class: numpy's call overhead exceeds their computation."""
     columns: dict[object, list[int]] = {}
     for i, law in enumerate(laws):
         columns.setdefault(type(law) if type(law) in _STACKED else i, []).append(i)
@@ -726,8 +726,8 @@ Named = Mapping[str, FloatArray]
 class ParameterTable:
     """Parameters in the order of the sampler's vector.
 
-    The sampler works on an unconstrained scale, log for positive and logit for bounded
-    quantities; ``named`` gives the values that users know.
+    The sampler works on an unconstrained scale, log for positive and logit for bounded quantities;
+    ``named`` returns the values that users know.
 
     Parameters
     ----------
@@ -801,13 +801,13 @@ class ParameterTable:
 
 
 SHARPNESS = 8
-"""Exponent of `at_least`: twenty times the bound changes by 5e-12 of itself."""
+"""Exponent of `at_least`: twenty times the bound changes by a relative 5e-12."""
 
 
 def at_least(values: FloatArray, least: float) -> FloatArray:
     """Return positive values bounded below by a positive one, smoothly: (x⁸ + least⁸)^(1/8).
 
-    A mode on a bound with a kink has no curvature, from which proposals and evidence come.
+    A mode at a kinked bound would have no curvature, which proposals and evidence need.
 
     Examples
     --------
@@ -826,14 +826,14 @@ def at_least(values: FloatArray, least: float) -> FloatArray:
 def with_least(
     parameters: Iterable[Parameter], least: Mapping[str, float]
 ) -> tuple[Parameter, ...]:
-    """Return parameters with the bounds below that are given by their names."""
+    """Return parameters with lower bounds given by name."""
     return tuple(replace(p, least=least.get(p.name, p.least)) for p in parameters)
 
 
 def with_priors(
     parameters: Iterable[Parameter], priors: Mapping[str, Law]
 ) -> tuple[Parameter, ...]:
-    """Return parameters with the prior laws that a study gives."""
+    """Return parameters with the priors given by a study."""
     return tuple(replace(p, law=priors.get(p.name, p.law)) for p in parameters)
 
 

@@ -1,8 +1,8 @@
-"""The one table of names: every quantity with its symbol, unit and meaning.
+"""Single table of names: every quantity with its symbol, unit and meaning.
 
-Columns of the files, inputs and outputs of the forward map and the axes of figures all read from
-it. Names of columns end with their unit (``_pct``, ``_h``, ``_g``, ``_MPa``, ``_kPa``,
-``_per_m``, ``_deg``, ``_s``); symbols are those of doi:10.3389/frobt.2021.760485.
+Columns of files, inputs and outputs of the forward map and axes of figures all use it. Column names
+end with their unit (``_pct``, ``_h``, ``_g``, ``_MPa``, ``_kPa``, ``_per_m``, ``_deg``, ``_s``);
+symbols are those of doi:10.3389/frobt.2021.760485.
 """
 
 import math
@@ -13,10 +13,10 @@ from typing import Literal, get_args
 
 DIMENSIONLESS = "–"
 
-#: A seed is a whole number from 0 to this, the largest integer of a TOML file.
+#: Largest seed, the largest integer of a TOML file; the smallest is 0.
 LARGEST_SEED = 2**63 - 1
 
-#: How much is spent on sampling.
+#: Sampling effort.
 Effort = Literal["quick", "standard", "thorough"]
 EFFORTS: tuple[Effort, ...] = get_args(Effort)
 
@@ -24,14 +24,14 @@ EFFORTS: tuple[Effort, ...] = get_args(Effort)
 Side = Literal["left", "right", "top", "bottom"]
 SIDES: tuple[Side, ...] = get_args(Side)
 
-#: Words of actuator.csv: whether the pressure is on its way up or down, how the actuator is held.
+#: Words of actuator.csv: direction of the pressure, mount of the actuator.
 BRANCHES = LOADING, UNLOADING = ("loading", "unloading")
 MOUNTS = ("horizontal", "hanging", "bending_up", "bending_down")
 
 #: Temperatures of a room, or an oven, in which gels are tested [°C].
 COLDEST, HOTTEST = -20.0, 90.0
 
-#: What a name ends with when the quantity has the unit.
+#: Ending of a name by unit.
 SUFFIXES: Mapping[str, str] = MappingProxyType(
     {
         "%": "_pct",
@@ -57,12 +57,12 @@ SUFFIXES: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a name stands for.
+    """A named quantity.
 
     Parameters
     ----------
     name : str
-        Spelled out, as in files and code.
+        Full name, as in files and code.
     symbol : str
         As in equations; empty for labels.
     unit : str
@@ -106,33 +106,33 @@ _ROWS = (
     ("curvature_per_m", "κ", "1/m", "bend angle over deformed arc length of the bottom line"),
     ("bend_angle_deg", "φ", "°", "rotation of the free end face relative to the clamped one"),
     ("tip_force_N", "F", "N", "force that holds the tip in the bending direction"),
-    ("cavity_volume_ml", "ΔV", "ml", "volume of the chambers less that at zero pressure"),
+    ("cavity_volume_ml", "ΔV", "ml", "increase of the chambers' volume over that at zero pressure"),
     ("curvature_sd_per_m", "", "1/m", "reading error of the curvature"),
     ("bend_angle_sd_deg", "", "°", "reading error of the bend angle"),
     ("file", "", "–", "name of the photograph in the folder photos, of the recording in captures"),
     ("first_frame", "", "–", "first frame of the hold, as numbered in the recording"),
     ("last_frame", "", "–", "last frame of the hold, as numbered in the recording"),
-    ("point", "", "–", "place in the line, counted from the clamped end"),
-    ("x_mm", "x", "mm", "place of a point along the clamped end"),
-    ("y_mm", "y", "mm", "place of a point away from the paper"),
-    ("x_px", "", "px", "place of a point in its picture, to the right"),
-    ("y_px", "", "px", "place of a point in its picture, downwards"),
-    ("scale_mm_per_px", "", "mm/px", "length of a pixel"),
+    ("point", "", "–", "number along the line, counted from the clamped end"),
+    ("x_mm", "x", "mm", "position of a point along the clamped end"),
+    ("y_mm", "y", "mm", "position of a point away from the paper"),
+    ("x_px", "", "px", "position of a point in its picture, to the right"),
+    ("y_px", "", "px", "position of a point in its picture, downwards"),
+    ("scale_mm_per_px", "", "mm/px", "size of a pixel"),
     ("sd_mm", "", "mm", "standard error of each coordinate of a point"),
     ("time_s", "t", "s", "time since the specimen's first row"),
     ("cycle", "", "–", "loading cycle, counted from 1"),
     ("branch", "", "–", "loading or unloading"),
     ("humidity_pct", "RH", "%", "relative humidity of the room"),
     ("temperature_C", "T", "°C", "temperature of the room"),
-    ("batch", "", "–", "which mixture or day a specimen is of"),
+    ("batch", "", "–", "mixture or day of the specimen"),
     ("mount", "", "–", "how the actuator is held: horizontal, hanging, bending_up, bending_down"),
     ("ruptured", "", "–", "1 where the specimen burst, else 0"),
     ("quantity", "", "–", "which statistic is given"),
-    ("value", "", "–", "value of the statistic in the unit beside it"),
+    ("value", "", "–", "value of the statistic, in the unit given"),
     ("sd", "", "–", "standard deviation of the statistic"),
     ("n", "N", "–", "number of specimens"),
     ("unit", "", "–", "unit of value and standard deviation"),
-    ("source", "", "–", "where the statistic stands"),
+    ("source", "", "–", "reference of the statistic"),
     ("young_modulus", "Y", "MPa", "Young's modulus of films at zero strain; 6 C1 of Yeoh's law"),
     ("modulus_100", "", "MPa", "nominal stress at a stretch of 2 in uniaxial tension"),
     ("elongation_at_break", "", "%", "elongation at break"),
@@ -148,8 +148,8 @@ _ROWS = (
     ("bulk_modulus", "K", "MPa", "bulk modulus"),
     ("paper_stiffness", "E t", "N/m", "membrane stiffness of the paper"),
     ("wall_factor", "", "–", "wall thickness over that of the drawing"),
-    ("skin_stiffening", "", "–", "stiffness of the skin over the mean, less 1"),
-    ("body_force", "ρ g", "kN/m³", "weight of the material by volume"),
+    ("skin_stiffening", "", "–", "stiffness of the skin over the mean, minus 1"),
+    ("body_force", "ρ g", "kN/m³", "weight of the material per volume"),
     ("curvature", "κ", "1/m", "bend angle over deformed arc length of the bottom line"),
     ("bend_angle", "φ", "°", "rotation of the free end face relative to the clamped one"),
     ("peak_stretch", "λ_max", "–", "largest principal stretch in the actuator"),
@@ -209,20 +209,20 @@ def axis_label(name: str) -> str:
 
 
 def p_value_text(value: float, replicates: float | None = None) -> str:
-    """Word a p-value, with no more digits than say something.
+    """Word a p-value with only significant digits.
 
     Parameters
     ----------
     value : float
-        From 0 to 1, or nan if it is not known. From n simulated data sets it is (1 + #)/(1 + n),
-        a multiple of 1/(1 + n).
+        From 0 to 1, or nan if unknown. From n simulated data sets it is (1 + #)/(1 + n), a multiple
+        of 1/(1 + n).
     replicates : float, optional
-        That n: a value without any data set beyond the observed one is worded as a bound.
+        That n; if no data set exceeds the observed one, the value is worded as a bound.
 
     Returns
     -------
     str
-        Two significant digits and three decimals at most.
+        At most two significant digits and three decimals.
 
     Examples
     --------
@@ -233,7 +233,7 @@ def p_value_text(value: float, replicates: float | None = None) -> str:
     """
     if math.isnan(value):
         return "p unknown"
-    # between none and one beyond, since counts of simulated data differ a little between steps
+    # between none and one exceeding, since counts of simulated data vary a little between steps
     if replicates and 0.001 <= value < 1.5 / (1.0 + replicates):
         unit = 10.0 ** math.floor(math.log10(value))
         bound = math.ceil(value / unit - 1e-9) * unit

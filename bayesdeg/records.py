@@ -1,8 +1,8 @@
-"""JSON files as frozen records: one definition says what is written, read, and published as schema.
+"""JSON files as frozen records: one definition for writing, reading and the published schema.
 
-A record is strict where bayesdeg makes one, and tolerant where it reads one: keys that a file of
-another version has besides are passed over, and those that it lacks have their defaults. Values of
-the wrong kind are refused, with the place, what was found, and what belongs there.
+A record is strict when bayesdeg creates it and tolerant when bayesdeg reads it: unknown keys of a
+file of a different version are ignored, and missing ones take their defaults. Values of the wrong
+type are refused, with the place, what was found, and what is expected.
 """
 
 import itertools
@@ -25,12 +25,12 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails
 
-#: No quantity in whatever unit is larger; the square of it is still a number.
+#: No quantity is larger in any unit; its square is still finite.
 LARGEST: Final = 1e100
-#: Version of the formats; it goes up when a key is renamed, removed or gets another meaning.
+#: Version of the formats; incremented when a key is renamed, removed or changes meaning.
 VERSION: Final = 1
 _FROM_FILE: Final = "from a file"
-_SHOWN = 60  # characters of a value in a message
+_SHOWN = 60  # shown characters of a value in a message
 
 
 class RecordError(ValueError):
@@ -38,7 +38,7 @@ class RecordError(ValueError):
 
 
 def _number(value: object, info: ValidationInfo) -> float | None:
-    """Check a number; what is not finite is "not available" where it was computed."""
+    """Check a number; computed values that are not finite mean "not available"."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None:
@@ -48,13 +48,13 @@ def _number(value: object, info: ValidationInfo) -> float | None:
     if info.context != _FROM_FILE and not math.isfinite(value):
         return None
     if not -LARGEST <= value <= LARGEST:
-        raise ValueError(f"must be a finite number of a quantity, not {str(value)[:12]}")
+        raise ValueError(f"must be a finite number, not {str(value)[:12]}")
     return value
 
 
 def _text(value: object) -> str:
     if isinstance(value, Mapping | list | tuple):
-        raise ValueError(f"must be a text, not {_shown(value)}")
+        raise ValueError(f"must be text, not {_shown(value)}")
     return "" if value is None else str(value)
 
 
@@ -73,7 +73,7 @@ def _names(value: object) -> tuple[str, ...]:
 
 def _scalar(value: object) -> object:
     if isinstance(value, Mapping | list | tuple):
-        raise ValueError(f"must be a number or a text, not {_shown(value)}")
+        raise ValueError(f"must be a number or text, not {_shown(value)}")
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -82,7 +82,7 @@ def _seed(value: object) -> int | None:
         value = value.item()
     if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
         return value
-    raise ValueError(f"must be a whole number from 0 on, not {_shown(value)}")
+    raise ValueError(f"must be a whole number of at least 0, not {_shown(value)}")
 
 
 def _above_zero(value: float | None) -> float | None:
@@ -100,7 +100,7 @@ def _from_zero(value: float | None) -> float | None:
 def _rising(values: tuple[float | None, ...]) -> tuple[float | None, ...]:
     known = [value for value in values if value is not None]
     if len(known) < len(values) or any(a >= b for a, b in itertools.pairwise(known)):
-        raise ValueError(f"must be numbers that rise, not {_shown(list(values))}")
+        raise ValueError(f"must be increasing numbers, not {_shown(list(values))}")
     return values
 
 
@@ -119,7 +119,7 @@ def _without_nulls(value: object) -> object:
 
 
 def is_absent(value: object) -> bool:
-    """Return whether an optional key is left out of the file: null, or an empty text.
+    """Return whether an optional key is omitted from the file: null, or an empty text.
 
     Examples
     --------
@@ -139,16 +139,16 @@ RisingNumbers = Annotated[tuple[Number, ...], AfterValidator(_rising)]
 SeedNumber = Annotated[int | None, PlainValidator(_seed, json_schema_input_type=int | None)]
 #: A text; a number is read as its digits, null as an empty text.
 Text = Annotated[str, PlainValidator(_text, json_schema_input_type=str)]
-#: A number or a text, as it was written.
+#: A number or a text, as written.
 Scalar = Annotated[
     int | float | str | None,
     PlainValidator(_scalar, json_schema_input_type=float | str | None),
 ]
-#: A text that must be there.
+#: A required text.
 NeededText = Annotated[str, PlainValidator(_needed_text, json_schema_input_type=str)]
 #: A list of texts.
 Names = Annotated[tuple[str, ...], PlainValidator(_names, json_schema_input_type=tuple[str, ...])]
-#: Numbers by name; nulls are passed over.
+#: Numbers by name; nulls are ignored.
 Numbers = Annotated[Mapping[str, Number], BeforeValidator(_without_nulls)]
 #: Texts by name.
 Texts = Mapping[str, Text]
@@ -181,12 +181,12 @@ class Record(BaseModel):
 
     @classmethod
     def read(cls, content: object) -> Self:
-        """Return the record of what a file holds.
+        """Return a record from the content of a file.
 
         Raises
         ------
         RecordError
-            If something in it is of the wrong kind or missing.
+            If something is missing or has the wrong type.
         """
         try:
             return cls.model_validate(content, extra="ignore", context=_FROM_FILE)
@@ -195,16 +195,16 @@ class Record(BaseModel):
 
     @classmethod
     def of(cls, source: object) -> Self:
-        """Return the record of an object's attributes of the same names; others are passed over."""
+        """Return a record from an object's attributes of the same names; ignore others."""
         return cls.model_validate(source, from_attributes=True)
 
     def document(self) -> dict[str, object]:
-        """Return the content as JSON has it: values that are not finite become null."""
+        """Return the content for JSON: values that are not finite become null."""
         return plain(self.model_dump())
 
 
 class FileRecord(Record):
-    """The whole of a JSON file: it begins with the version of its format."""
+    """A whole JSON file; it begins with the version of its format."""
 
     schema_version: Annotated[int, AfterValidator(_known_version)] = Field(
         default=VERSION, description="version of this format"
@@ -216,14 +216,14 @@ class FileRecord(Record):
 
     @classmethod
     def schema_text(cls) -> str:
-        """Return the JSON schema of the file, as it is published."""
+        """Return the published JSON schema of the file."""
         schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
         schema |= cls.model_json_schema()
         return json.dumps(_published(schema), indent=2, ensure_ascii=False) + "\n"
 
 
 def _published(node: object) -> object:
-    """Return a schema as others need it: later versions may add keys; no repeated names."""
+    """Return a schema for publication: later versions may add keys; no repeated names."""
     if isinstance(node, list):
         return [_published(one) for one in node]
     if not isinstance(node, dict):
@@ -239,7 +239,7 @@ def _published(node: object) -> object:
 
 
 def plain(content: Mapping[str, object]) -> dict[str, object]:
-    """Return a document as JSON has it: values that are not finite become null.
+    """Return a document for JSON: values that are not finite become null.
 
     Examples
     --------
@@ -270,12 +270,12 @@ _KINDS = {
     "tuple_type": "must be a list, not {0}",
     "bool_type": "must be true or false, not {0}",
     "bool_parsing": "must be true or false, not {0}",
-    "extra_forbidden": "is no key of this record",
+    "extra_forbidden": "is not a key of this record",
 }
 
 
 def _worded(fault: ErrorDetails) -> str:
-    """Say where a record is wrong, and what belongs there."""
+    """Say where a record is wrong, and what is expected."""
     place = _place(fault["loc"])
     if fault["type"] == "value_error":
         said = str(fault["ctx"]["error"])
@@ -287,7 +287,7 @@ def _worded(fault: ErrorDetails) -> str:
 
 
 def _place(keys: Iterable[str | int]) -> str:
-    """Return the way to a value: ``'candidates[0].effect'``."""
+    """Return the path to a value: ``'candidates[0].effect'``."""
     way = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
     return f"{way.removeprefix('.')!r}" if way else "the content"
 

@@ -1,4 +1,4 @@
-"""The nouns of the library: a model, its calibration, the verdict, the report."""
+"""Objects of the library: a model, its calibration, the verdict, the report."""
 
 import html
 import os
@@ -42,19 +42,19 @@ _CANDIDATE = [
 
 
 def _row(entry: CandidateEntry) -> dict[str, object]:
-    """Return a candidate of ``verdict.json`` as one row, with the size of its first parameter."""
+    """Return a candidate of ``verdict.json`` as a row, with the size of its first parameter."""
     known = entry.document()
     effects = ({"parameter": n, **one.document()} for n, one in entry.effect.items())
     return {key: known[key] for key in _CANDIDATE if key in known} | next(effects, {})
 
 
 class CauseName(str):
-    """The name of a cause that a verdict is about; `Model.with_causes` finds the cause by it."""
+    """The name of a cause in a verdict; `Model.with_causes` accepts it."""
 
     cause: Cause | None
 
     def __new__(cls, name: str, cause: Cause | None = None) -> Self:
-        """Return a name that knows its cause."""
+        """Return a name that carries its cause."""
         made = super().__new__(cls, name)
         made.cause = cause
         return made
@@ -62,31 +62,30 @@ class CauseName(str):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Model:
-    """What is believed of an experiment: its data, a forward map, priors, active causes.
+    """Model of an experiment: its data, forward map, priors and active causes.
 
     Parameters
     ----------
     data : Study or sequence of Readings
         A study of actuators or films, or readings of any other experiment.
     forward : callable, optional
-        Of a study a forward map of its actuators, such as an `emulator`; by default the one that
-        ships with the package or was trained here. Of readings a function of ``values``, a mapping
-        of names to arrays (k,), and ``x`` as the `Readings` hold it, that returns predictions
-        (k, n). Parameters of active causes are among the values, as ``cause.parameter``.
+        For a study, a forward map of its actuators, such as an `emulator`; by default the one
+        shipped with the package or trained here. For readings, a function of ``values``, a mapping
+        of names to arrays (k,), and ``x`` as in the `Readings`, that returns predictions (k, n).
+        Parameters of active causes are among the values, as ``cause.parameter``.
     parameters : sequence of Parameter
-        Unknowns of a forward map of one's own, with their priors.
+        Unknowns of your own forward map, with their priors.
     catalogue : sequence of Cause
-        Causes that may be named where readings are judged; a study has those of the package.
+        Candidate causes for your own readings; a study uses those of the package.
     causes : sequence of Cause or str
         Active causes; see `with_causes`.
 
     Raises
     ------
     StudyError
-        If what a study recorded is impossible.
+        If the data of a study are impossible.
     BayesdegError
-        If there is no emulator of the geometry, a cause does not exist, or shapes do not go
-        together.
+        If there is no emulator of the geometry, a cause does not exist, or shapes do not match.
 
     Examples
     --------
@@ -107,11 +106,11 @@ class Model:
     experiment: ModelledExperiment = field(init=False)
 
     def __post_init__(self) -> None:
-        """Build what the verbs ask."""
+        """Build the experiment that the verbs use."""
         if isinstance(self.data, Study):
             if self.parameters or self.catalogue:
                 raise BayesdegError(
-                    "a study has parameters and a catalogue of its own: state priors in [priors] "
+                    "a study has its own parameters and catalogue: set priors in [priors] "
                     "of study.toml, and give causes to criticise(fit, causes=[...])"
                 )
             forward = cast(ForwardMap | None, self.forward)
@@ -131,17 +130,17 @@ class Model:
         return "+".join(["base", *sorted(cause.name for cause in self.experiment.causes)])
 
     def with_causes(self, *causes: Cause | str) -> Self:
-        """Return the model with further causes active.
+        """Return the model with additional active causes.
 
         Parameters
         ----------
         *causes : Cause or str
-            Names of the catalogue, as a verdict lists them, or causes of one's own.
+            Names from the catalogue, as a verdict lists them, or your own causes.
 
         Raises
         ------
         BayesdegError
-            If there is no cause of a name; the message suggests the nearest.
+            If a name is unknown; the message suggests the nearest.
         """
         known = (one.cause or one if isinstance(one, CauseName) else one for one in causes)
         found = {cause.name: cause for cause in map(self.experiment.cause, known)}
@@ -149,25 +148,25 @@ class Model:
         return replace(self, causes=tuple((active | found).values()))
 
     def with_verdict(self, verdict: "Verdict") -> Self:
-        """Return the model that ``bayesdeg run`` predicts with after this verdict.
+        """Return the model that ``bayesdeg run`` uses for predictions after this verdict.
 
-        Its causes are ``verdict.predicted_with``, which includes a cause of rupture that published
-        counts show. Predictions of its calibration are averaged over all sets of causes that the
-        verdict could not tell apart, as those of the command are.
+        Its causes are ``verdict.predicted_with``, including a cause of rupture indicated by
+        published counts. As in the command, predictions of its calibration are averaged over all
+        sets of causes that the verdict could not tell apart.
 
         Parameters
         ----------
         verdict : Verdict
-            Of this model.
+            Verdict on this model.
 
         Raises
         ------
         BayesdegError
-            If the verdict is of another model.
+            If the verdict is of a different model.
         """
         if verdict.model is not self:
             raise BayesdegError(
-                "the verdict is of another model; call with_verdict on the model that was judged, "
+                "the verdict is of a different model; call with_verdict on the criticised model, "
                 "verdict.model"
             )
         found = self.with_causes(*verdict.predicted_with)
@@ -176,7 +175,7 @@ class Model:
         return found
 
     def __repr__(self) -> str:
-        """Return what it is of, and its parameters."""
+        """Return its title and parameters."""
         names = ", ".join(p.name for p in self.experiment.density.table.parameters)
         active = f" with {self.name.removeprefix('base+')}" if self.experiment.causes else ""
         return f"Model of {self.experiment.title}{active}: {names}"
@@ -189,13 +188,13 @@ class Calibration:
     Parameters
     ----------
     model : Model
-        What was calibrated.
+        The calibrated model.
     fit : object
         Mode, evidence and chain of the engine.
     effort, seed : str, int
-        How it was made.
+        Settings of the calibration.
     seconds : float
-        How long it took.
+        Its duration.
     """
 
     model: Model
@@ -211,7 +210,7 @@ class Calibration:
 
     @cached_property
     def drawn(self) -> Posterior:
-        """Draws from which new specimens are predicted, as a run folder keeps them."""
+        """Draws used to predict new specimens, as stored in a run folder."""
         return self.model.experiment.drawn(self.fit, self.effort, self.seed)
 
     @property
@@ -221,7 +220,7 @@ class Calibration:
 
     @property
     def converged(self) -> bool:
-        """Whether the draws may be used; `print` says what to do if not."""
+        """Whether the draws are reliable; `print` says what to do if not."""
         return bool(self.fit.diagnosis.usable)
 
     def summary(self) -> pd.DataFrame:
@@ -230,7 +229,7 @@ class Calibration:
         return table[["mean", "sd", "q05", "q95", "unit", "r_hat", "ess_bulk"]]
 
     def __repr__(self) -> str:
-        """Return what it is of, whether it converged, and the summary."""
+        """Return its title, whether it converged, and the summary."""
         frame = self.summary().to_string(float_format=lambda value: f"{value:.4g}")
         return f"{self._title()}\n{worded(self.fit.diagnosis)}\n{frame}"
 
@@ -245,20 +244,20 @@ class Calibration:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Verdict:
-    """What is wrong with a model, if anything.
+    """Verdict on a model: what is wrong with it, if anything.
 
     Parameters
     ----------
     model : Model
-        What was judged.
+        The criticised model.
     document : VerdictRecord
         The content of ``verdict.json``.
     judgement : object
-        What it rests on; None where there was nothing to judge.
+        Its basis; None if there was nothing to judge.
     tried : tuple of Cause
         All causes that were tried.
     seconds : float
-        How long it took.
+        Its duration.
     """
 
     model: Model
@@ -274,12 +273,12 @@ class Verdict:
 
     @property
     def causes(self) -> tuple[CauseName, ...]:
-        """Names of what is named, or cannot be told apart, for `Model.with_causes`."""
+        """Causes named, or that cannot be told apart, for `Model.with_causes`."""
         return self._named("causes")
 
     @property
     def predicted_with(self) -> tuple[CauseName, ...]:
-        """Names of the causes to calibrate with: one out of those that cannot be told apart."""
+        """Causes to calibrate with: one of those that cannot be told apart."""
         return self._named("predicted_with")
 
     def _named(self, key: str) -> tuple[CauseName, ...]:
@@ -289,14 +288,14 @@ class Verdict:
 
     @property
     def explanation(self) -> str:
-        """Where the misfit sits, what explains it and how sure that is, in plain words."""
+        """Where the misfit is, what explains it, and how certain that is, in plain words."""
         return self.document.explanation
 
     @property
     def candidates(self) -> pd.DataFrame:
         """Every cause that was tried, best first: evidence, held-out gain, size with its unit.
 
-        ``mean`` to ``unit`` are of the first parameter, which is the size of the cause.
+        ``mean`` to ``unit`` are of the first parameter, the size of the cause.
         """
         return pd.DataFrame([_row(one) for one in self.document.candidates], columns=_CANDIDATE)
 
@@ -349,11 +348,11 @@ class Report:
     page: Path
 
     def __fspath__(self) -> str:
-        """Return the folder, for whatever takes a path."""
+        """Return the folder as a path."""
         return os.fspath(self.folder)
 
     def __repr__(self) -> str:
-        """Return where the page is."""
+        """Return the place of the page."""
         return f"report: {self.page}"
 
     def _repr_html_(self) -> str:
@@ -363,12 +362,12 @@ class Report:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Update:
-    """A finished run with further readings.
+    """A finished run updated with new readings.
 
     Parameters
     ----------
     written : UpdatedRun
-        What was taken in, and where it was written.
+        The update and where it was written.
     """
 
     written: UpdatedRun
@@ -380,7 +379,7 @@ class Update:
 
     @property
     def method(self) -> str:
-        """How: ``weights`` of the earlier draws, ``refit`` of a law to them, or about the mode."""
+        """``weights`` of the earlier draws, ``refit`` of a law to them, or about the mode."""
         return self._final.method
 
     @property
@@ -390,7 +389,7 @@ class Update:
 
     @property
     def pareto_k(self) -> float:
-        """Shape of the tail of their weights, reliable up to 0.7; nan if these are even."""
+        """Tail shape of their weights, reliable up to 0.7; nan for equal weights."""
         known = self._final.pareto_k
         return float("nan") if known is None else float(known)
 
@@ -400,12 +399,12 @@ class Update:
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What is in doubt, and what was not updated."""
+        """Doubts, and what was not updated."""
         return self.written.messages
 
     @cached_property
     def posterior(self) -> xr.DataTree:
-        """The updated draws, as ``posterior.nc`` of the new run folder has them."""
+        """The updated draws, as in ``posterior.nc`` of the new run folder."""
         return RunFolder(self.folder).read_posterior(POSTERIOR)
 
     def summary(self) -> pd.DataFrame:
@@ -413,11 +412,11 @@ class Update:
         return self.written.moved.set_index("parameter")
 
     def __fspath__(self) -> str:
-        """Return the folder, for whatever takes a path."""
+        """Return the folder as a path."""
         return os.fspath(self.folder)
 
     def __repr__(self) -> str:
-        """Return how it was done, and the parameters that moved most."""
+        """Return its method, and the parameters that shifted most."""
         frame = most_moved(self.written.moved).to_string(
             index=False, float_format=lambda value: f"{value:.4g}"
         )
@@ -468,7 +467,7 @@ def write_run(
 
 
 def most_moved(moved: pd.DataFrame, count: int = MOVED) -> pd.DataFrame:
-    """Return the parameters that moved most, in standard deviations.
+    """Return the parameters that shifted most, in standard deviations.
 
     Examples
     --------

@@ -1,10 +1,10 @@
-"""Which signals ask a command to end, and who answers them."""
+"""Signals that ask a command to end, and their handlers."""
 
 import signal
 from collections.abc import Callable
 from types import FrameType
 
-#: Ctrl-C, a request to end, and a terminal that is closed, which not every system has.
+#: Ctrl-C, a termination request, and a closed terminal, which not every system signals.
 SIGNALS = (
     signal.SIGINT,
     signal.SIGTERM,
@@ -13,13 +13,13 @@ SIGNALS = (
 
 
 def answer(handler: Callable[[int, FrameType | None], None]) -> None:
-    """Let a function answer every request to end but those that are ignored, as under ``nohup``."""
+    """Install a handler for every request to end, except ignored ones, as under ``nohup``."""
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)
 
 
 def ignore() -> None:
-    """Answer no request to end any more."""
+    """Ignore further requests to end."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

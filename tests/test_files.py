@@ -155,8 +155,8 @@ def test_impossible_settings_are_one_short_line(tmp_path, settings):
 @pytest.mark.parametrize(
     ("table", "why"),
     [
-        (TABLE.replace("1.2,", "120,").replace("1.4,", "140,"), "length is 1.5"),
-        (TABLE.replace("0.1\n", "0\n").replace("0.2\n", "0.0\n"), "every other one"),
+        (TABLE.replace("1.2,", "120,").replace("1.4,", "140,"), "1.5 = 150 %"),
+        (TABLE.replace("0.1\n", "0\n").replace("0.2\n", "0.0\n"), "like all others"),
         (TABLE.replace("0.1\n", "1e308\n"), "too large"),
     ],
 )
@@ -185,7 +185,7 @@ def test_comments_that_look_like_rows_are_counted_and_names_in_quotes_are_read(t
     assert study.passed_over == {"tensile.csv": 2}
     assert len(study.tensile) == 2
     study_with(tmp_path, table="\n".join([header, *hashed]))
-    assert "2 of them here" in faults_of(tmp_path)
+    assert "2 lines begin with #" in faults_of(tmp_path)
     quoted = [row.replace("a,", '"#a",') for row in rows]
     study = read_study(study_with(tmp_path, table="\n".join([header, *quoted])))
     assert set(study.tensile["specimen_id"]) == {"#a"}

@@ -1,4 +1,4 @@
-"""Bodies of bricks or of tetrahedra: elements, nodes, and what is held, pressed or papered."""
+"""Bodies of bricks or of tetrahedra: elements, nodes, and fixed, pressurised and papered parts."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -21,7 +21,7 @@ class Element:
     Parameters
     ----------
     name : str
-        What it is called.
+        Name of the element.
     order : int
         1 for trilinear, 2 for triquadratic shape functions; nodes in scikit-fem's order.
     points, weights : array, shape (n_points, 3) and (n_points,)
@@ -100,15 +100,15 @@ def _element(name: str, order: int, pressure: str) -> Element:
 
 
 def tetrahedron(degree: int = 6) -> Element:
-    """Return the conforming element of Crouzeix and Raviart: P2, bubbles of sides and middle, P1.
+    """Return the conforming Crouzeix–Raviart element: P2 with side and volume bubbles, P1 pressure.
 
     Its 15 nodes are in the order of `reference_nodes`. Quadratics alone do not satisfy the inf-sup
-    condition with a linear pressure, and with a constant one converge in the first order only.
+    condition with a linear pressure, and with a constant pressure converge only to first order.
 
     Parameters
     ----------
     degree : int
-        Of polynomials for which the rule of its points is exact.
+        Degree of polynomials integrated exactly by its quadrature.
 
     Examples
     --------
@@ -164,7 +164,7 @@ def _nodes_of(corners: Floats) -> Floats:
 
 
 def reference_nodes(element: Element) -> Floats:
-    """Return where the nodes of an element are on the unit cube, or the unit tetrahedron, (n, 3).
+    """Return the nodes of an element on the unit cube, or the unit tetrahedron, (n, 3).
 
     Examples
     --------
@@ -177,14 +177,14 @@ def reference_nodes(element: Element) -> Floats:
 
 
 def _places_of_tetrahedron(theirs: Floats) -> list[int]:
-    """Return which of scikit-fem's local nodes each of the 15 is."""
+    """Map each of the 15 nodes to scikit-fem's local nodes."""
     ours = _nodes_of(np.vstack([np.zeros(3), np.eye(3)]))
     distance = np.abs(ours[:, None] - theirs[None]).sum(axis=2)
     found: list[int] = np.argmin(distance, axis=1).tolist()
     return found
 
 
-# a pressure that is free at every quadrature point is the same as none: this element locks
+# a pressure free at every quadrature point is equivalent to none: this element locks
 LINEAR_FULL = _element("Q1", 1, "free")
 LINEAR_CONSTANT = _element("Q1P0", 1, "constant")
 QUADRATIC_CONSTANT = _element("Q2P0", 2, "constant")
@@ -194,12 +194,12 @@ TETRAHEDRON = tetrahedron()
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body of bricks or of tetrahedra, of one element.
+    """A body of bricks or tetrahedra of one element type.
 
     Parameters
     ----------
     element : Element
-        What it is made of.
+        Element type.
     nodes : array, shape (n_nodes, 3)
         Coordinates [mm].
     elements : array, shape (n_elements, n_local)
@@ -212,14 +212,14 @@ class Body:
         Nodes of faces under pressure, as grids whose first axis times second axis points out
         of the cavity, into the body.
     paper : array, shape (n_faces, (order + 1)²)
-        Nodes of the faces in a plane z = const that carry paper, or another layer that does not
-        stretch; first axis along x, second along y.
+        Nodes of the faces in a plane z = const that carry paper, or any other inextensible layer;
+        first axis along x, second along y.
     fixed : array of bool, shape (n_nodes, 3)
-        Displacements that are held at zero.
+        Displacements fixed at zero.
     depth : array, shape (n_elements, n_points)
-        How far each quadrature point is under the nearest exposed face; inf if none is [mm].
+        Depth of each quadrature point under the nearest exposed face; inf if there is none [mm].
     layer : array of bool, shape (n_elements,), optional
-        Bricks of a layer of another elastomer; none if not given.
+        Bricks of a layer of a different elastomer; none by default.
     """
 
     element: Element
@@ -234,7 +234,7 @@ class Body:
     layer: NDArray[np.bool_] | None = None
 
     def placed_at(self, nodes: Floats) -> Self:
-        """Return the same bricks with their nodes elsewhere, (n_nodes, 3) [mm]."""
+        """Return the same bricks with moved nodes, (n_nodes, 3) [mm]."""
         gradients, weights = isoparametric(self.element, nodes[self.elements])
         return replace(self, nodes=nodes, gradients=gradients, weights=weights)
 
@@ -264,19 +264,19 @@ def isoparametric(element: Element, corners: Floats) -> tuple[Floats, Floats]:
     Raises
     ------
     ValueError
-        If a brick is inside out.
+        If a brick is inverted.
     """
     jacobian = np.einsum("eai,qaj->eqij", corners, element.slopes, optimize=True)
     determinant = np.linalg.det(jacobian)
     if not np.all(determinant > 0.0):
-        raise ValueError("a brick of the mesh is inside out")
+        raise ValueError("a brick of the mesh is inverted; correct its node order")
     inverse = np.linalg.inv(jacobian)
     gradients = np.einsum("qaj,eqji->eqia", element.slopes, inverse, optimize=True)
     return np.ascontiguousarray(gradients), determinant * element.weights
 
 
 def body_of(mesh: MeshHex, element: Element = QUADRATIC) -> Body:
-    """Return the body of a scikit-fem mesh: nothing held, pressed or papered yet."""
+    """Return the body of a scikit-fem mesh: nothing fixed, pressurised or papered yet."""
     kind = ElementHex1() if element.order == 1 else ElementHex2()
     basis = Basis(mesh, kind, intorder=2 * element.order + 1)
     nodes = np.ascontiguousarray(basis.doflocs.T)
@@ -293,7 +293,7 @@ def _bare(element: Element, nodes: Floats, elements: Indices) -> Body:
 
 
 def tetrahedra_of(points: Floats, cells: Indices) -> Body:
-    """Return the body of straight tetrahedra: nothing held, pressed or papered yet.
+    """Return the body of straight tetrahedra: nothing fixed, pressurised or papered yet.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def tetrahedra_of(points: Floats, cells: Indices) -> Body:
     Raises
     ------
     ValueError
-        If one is inside out.
+        If one is inverted.
 
     Examples
     --------
@@ -376,8 +376,8 @@ def boundary_faces(body: Body) -> Indices:
 def faces_on_plane(body: Body, height: float) -> Indices:
     """Return the nodes of all faces in the plane z = height, each once, (n_faces, (order + 1)²).
 
-    Faces of the boundary, and those between two bricks; on which side a face's grid points is not
-    said.
+    Faces of the boundary, and those between two bricks; the orientation of a face's grid is
+    arbitrary.
 
     Parameters
     ----------
@@ -400,11 +400,11 @@ def faces_on_plane(body: Body, height: float) -> Indices:
     return on_plane
 
 
-APART = 1e-6  # mm: coordinates that differ by less are one plane's, and by more two planes'
+APART = 1e-6  # mm: coordinates closer than this belong to one plane
 
 
 def levels_of(values: Floats) -> tuple[Floats, Indices]:
-    """Return coordinates that are equal but for rounding as one, rising, and which each is.
+    """Return distinct coordinates up to rounding, sorted, and the index of each value.
 
     Examples
     --------

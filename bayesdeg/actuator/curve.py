@@ -1,4 +1,4 @@
-"""One pressure curve: groups in, readings and their derivatives at every load out."""
+"""Solve one pressure curve: from dimensionless groups to readings and derivatives at every load."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -59,24 +59,24 @@ CUBIC_MILLIMETRE = 1e-3  # ml
 
 
 class PathRecord:
-    """Reads the steps of a path, and differentiates while the solver holds their factors.
+    """Records readings along a path, and derivatives while the solver holds the factors.
 
     Parameters
     ----------
     mesh : ActuatorMesh
-        Whose outputs are read.
+        Mesh whose outputs are read.
     problem : Problem
-        That is followed.
+        Problem of the path.
     solver : Factorization
-        With which it is followed.
+        Solver of the path.
     shapes : sequence of Variation
-        Of the mesh, None where it cannot vary.
+        Shape variations of the mesh, None where it cannot vary.
     wanted : frozenset of float, optional
-        Loads to be recorded; by default all.
+        Loads to record; by default all.
     enough : float
-        Relative correction of an adjoint at which it is taken for settled.
+        Relative correction of an adjoint at convergence.
     is_smooth : bool
-        Whether derivatives of quantiles are smooth, as of `outputs.read_with_gradients`.
+        Whether derivatives of quantiles are smooth, as in `outputs.read_with_gradients`.
     """
 
     def __init__(
@@ -124,12 +124,12 @@ class PathRecord:
 
 
 class ForceRecord:
-    """Reads and differentiates the force at the held tip while the solver holds the factors.
+    """Records the force at the held tip and its derivatives while the solver holds the factors.
 
     Parameters
     ----------
     mesh, problem, solver, shapes, enough
-        As of `PathRecord`.
+        As in `PathRecord`.
     """
 
     def __init__(
@@ -173,7 +173,7 @@ class Curve:
     Parameters
     ----------
     loads : tuple of float
-        p/C1, rising, above 0 [–].
+        p/C1, increasing, above 0 [–].
     material : MaterialGroups
         The other groups.
     layer : LayerGroups, optional
@@ -186,10 +186,10 @@ class Curve:
 
 
 def with_layer(geometry: Moulded, curve: Curve) -> Curve:
-    """Return a curve with the constraint layer of its actuator, if that is of elastomer.
+    """Return a curve with the constraint layer of its actuator, if it is an elastomer.
 
-    The layer's C1 over that of the body is then the paper's group, and its other constants are to
-    its C1 as they are stated.
+    The paper's group is then the layer's C1 over that of the body; its other constants keep their
+    ratios to its C1.
 
     Examples
     --------
@@ -209,26 +209,26 @@ def with_layer(geometry: Moulded, curve: Curve) -> Curve:
 
 @dataclass(frozen=True)
 class CurveSolution:
-    """One pressure curve at moulded size, as far as it was reached.
+    """Solution of a pressure curve at moulded size, as far as reached.
 
     Parameters
     ----------
     readings : array, shape (n_reached, n_outputs)
-        All that is read, in the order of ``outputs.OUTPUTS``.
+        All readings, in the order of ``outputs.OUTPUTS``.
     rates : array, shape (n_reached, n_outputs)
-        Their derivatives by the load, as accurate as the path is interpolated.
+        Their derivatives with respect to the load, as accurate as the path's interpolation.
     rest : array, shape (n_outputs,)
         The readings at zero pressure, under dead loads alone.
     rest_rates : array, shape (n_outputs,)
-        Their derivatives by the load there.
+        Their derivatives with respect to the load there.
     status : Status
-        How the path ended.
+        Status of the path.
     limit_load : float
-        p/C1 of the limit point; inf if none was met [–].
+        p/C1 of the limit point; inf if none was reached [–].
     iterations : int
-        Factorizations spent.
+        Number of factorizations.
     solver : str
-        The direct solver that was used.
+        The direct solver used.
     """
 
     readings: Floats
@@ -252,13 +252,13 @@ class CurveSolution:
 
     @property
     def peak_stretch(self) -> Floats:
-        """Largest principal stretch that 99 % of the volume stays below [–]."""
+        """99 % quantile over the volume of the largest principal stretch [–]."""
         return self.readings[:, 3]
 
 
 @dataclass(frozen=True)
 class PathSamples:
-    """The equilibria that a path visited, with all that can be learned at each.
+    """The equilibria visited by a path, with readings and derivatives.
 
     Parameters
     ----------
@@ -271,8 +271,8 @@ class PathSamples:
     status, limit_load, iterations, solver
         As in ``CurveSolution``.
     between : array, shape (m, n_outputs)
-        Readings at the first of the curve's own loads, as many as were reached, interpolated
-        between the equilibria; none of a held tip.
+        Readings at the curve's own loads reached, interpolated between equilibria; empty for a held
+        tip.
     """
 
     loads: Floats
@@ -286,26 +286,26 @@ class PathSamples:
 
 
 class Actuator:
-    """A meshed actuator, ready to be solved for any material.
+    """A meshed actuator that can be solved for any material.
 
-    The direct solver's symbolic analysis is done at the first curve and kept for all that follow;
-    ``close`` gives its memory back. One curve is solved at a time, whatever thread asks.
+    The direct solver's symbolic analysis is done at the first curve and reused; ``close`` releases
+    its memory. Curves are solved one at a time, from any thread.
 
     Parameters
     ----------
     mesh : ActuatorMesh
-        Of the nominal geometry.
+        Mesh of the nominal geometry.
     solver : {"pypardiso", "splu"}, optional
-        The direct solver; by default the best that this machine has.
+        The direct solver; by default the best available.
     backend : {"kernels", "scikit-fem"}
-        What assembles the equations; derivatives are those of the kernels only.
+        Assembly of the equations; only the kernels give derivatives.
     held : bool
-        Whether the tip is held in the bending direction, so that `tip_forces` can be asked.
+        Whether the tip is held in the bending direction, as `tip_forces` needs.
 
     Raises
     ------
     ValueError
-        If scikit-fem is to assemble other elements than Q2/P1disc.
+        If scikit-fem is to assemble elements other than Q2/P1disc.
     """
 
     def __init__(
@@ -324,14 +324,14 @@ class Actuator:
         self._factorization: Factorization | None = None
 
     def close(self) -> None:
-        """Give back the memory of the direct solver; a further curve opens it anew."""
+        """Release the memory of the direct solver; the next curve reopens it."""
         with self._lock:
             if self._factorization is not None:
                 self._factorization.close()
             self._factorization = None
 
     def solve(self, curve: Curve, *, effort: PathEffort | None = None) -> CurveSolution:
-        """Solve one pressure curve; every failure is in the status, none is raised."""
+        """Solve one pressure curve; failures are reported by the status, not raised."""
         try:
             mesh, problem = self.equations(curve)
         except (GeometryError, ValueError):
@@ -344,8 +344,8 @@ class Actuator:
     def tip_forces(self, curve: Curve, *, effort: PathEffort | None = None) -> CurveSolution:
         """Return the forces that hold the tip of the half model up against bending.
 
-        As `solve`, with one reading, the force over C1 [mm²]: what of the internal forces at the
-        nodes that are held no load balances.
+        Like `solve`, with one reading, the force over C1 [mm²]: the internal forces at the held
+        nodes that no load balances.
 
         Raises
         ------
@@ -368,12 +368,12 @@ class Actuator:
     def solve_with_gradients(
         self, curve: Curve, *, effort: PathEffort | None = None
     ) -> tuple[CurveSolution, Floats]:
-        """Solve one pressure curve and differentiate every reading by every input.
+        """Solve one pressure curve with the derivatives of every reading by every input.
 
         Returns
         -------
         solution : CurveSolution
-            As from ``solve``, with an equilibrium at every load.
+            As by ``solve``, with an equilibrium at every load.
         gradients : array, shape (n_reached, n_outputs, n_inputs)
             In the orders of ``outputs.OUTPUTS`` and ``sensitivity.INPUTS``, as exact as the path's
             tangent (``effort.rate_tolerance``).
@@ -398,14 +398,14 @@ class Actuator:
         return _read_path(mesh, path, solver.name), _stacked(record.gradients)
 
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
-        """Follow a curve to its last load; return readings and derivatives where the path stopped.
+        """Follow a curve to its last load; return readings and derivatives at its equilibria.
 
-        Between these, at the curve's loads, there are readings without derivatives. With all
-        derivatives a curve costs less than twice as much as without. They are to be learned from,
-        so those of quantiles are smooth: exact ones jump from load to load. Of those by the shape
-        what the body's motion does is smooth, and what the moved mesh itself does is not. Of a held
-        tip the force alone is read, as by `tip_forces`. Where scikit-fem assembles the equations,
-        the path is theirs; derivatives by the inputs are those of the kernels on it.
+        In between, at the curve's loads, there are readings without derivatives. All derivatives
+        less than double the cost of a curve. They serve for training, so those of quantiles are
+        smoothed: exact ones jump from load to load. Of derivatives by the shape, the part due to
+        the body's motion is smooth, that due to the moved mesh is not. For a held tip only the
+        force is read, as by `tip_forces`. If scikit-fem assembles the equations, the path is its
+        own; derivatives by the inputs are those of the kernels on it.
         """
         outputs = 1 if self.held else len(OUTPUTS)
         try:
@@ -432,7 +432,7 @@ class Actuator:
     def _need_kernels(self) -> None:
         if self.backend is not Backend.KERNELS:
             raise BayesdegError(
-                f"{self.backend} gives no derivatives by the inputs; take {Backend.KERNELS}"
+                f"{self.backend} gives no derivatives by the inputs; use {Backend.KERNELS}"
             )
 
     def _recorder(
@@ -463,7 +463,7 @@ class Actuator:
         return self._factorization
 
     def equations(self, curve: Curve) -> tuple[ActuatorMesh, DiscreteEquations]:
-        """Return the mesh and what the backend assembles; as ``problem`` with the kernels."""
+        """Return the mesh and the backend's equations; those of ``problem`` with the kernels."""
         mesh, problem = self.problem(curve)
         return mesh, self._assembled(mesh, problem)
 
@@ -486,7 +486,7 @@ class Actuator:
         """
         material, layer = curve.material, curve.layer
         check_inputs(curve)
-        if layer is not None:  # the stiffer of both must not be compressed either
+        if layer is not None:  # the stiffer one must be nearly incompressible too
             bulk = material.bulk_ratio * max(1.0, layer.c1)
             material = replace(material, bulk_ratio=bulk)
         if material.wall_factor == 1.0 and material.erosion == 0.0:
@@ -496,7 +496,7 @@ class Actuator:
 
 
 def _by_kernels(problem: Problem, visit: Visit) -> Visit:
-    """Return a visit with the kernels' couplings, whatever assembled the equations of a step."""
+    """Return a visit with the kernels' couplings, for any assembly of the equations."""
 
     def with_kernels(step: LoadStep) -> None:
         known = step.factors is not None
@@ -506,13 +506,13 @@ def _by_kernels(problem: Problem, visit: Visit) -> Visit:
 
 
 def check_inputs(curve: Curve) -> None:
-    """Refuse inputs that no equation can be made of.
+    """Refuse inputs that give no valid equation.
 
     Raises
     ------
     ValueError
-        If a load or a group is not finite, loads do not rise above 0, or the paper's stiffness,
-        thickness or slack is below 0.
+        If a load or a group is not finite, loads do not rise from above 0, or the paper's
+        stiffness, thickness or slack is below 0.
     """
     values = vars(curve.material)
     wrong = [f"{name} is {value}" for name, value in values.items() if not np.isfinite(value)]
@@ -521,7 +521,7 @@ def check_inputs(curve: Curve) -> None:
             wrong.append(f"{name} is {values[name]:g}, below 0")
     loads = np.asarray(curve.loads, dtype=np.float64)
     if not (np.all(np.isfinite(loads)) and np.all(np.diff(loads, prepend=0.0) > 0.0)):
-        wrong.append("the loads do not rise above 0")
+        wrong.append("the loads do not rise from above 0")
     if wrong:
         raise ValueError("; ".join(wrong))
 
@@ -543,7 +543,7 @@ def _no_samples(status: Status, outputs: int) -> PathSamples:
 def _readings(
     mesh: ActuatorMesh, points: Sequence[Point], *, has_rates: bool = True
 ) -> list[Reading]:
-    """Return what is read along a path; without rates they are zero, and cost nothing."""
+    """Return readings along a path; rates are zero if not wanted."""
     angle, found = 0.0, list[Reading]()
     for point in points:
         rate = point.rate if has_rates else None
@@ -574,7 +574,7 @@ _FORCES = ("readings", "rates", "rest", "rest_rates")
 def _reactions(
     problem: DiscreteEquations, held: NDArray[np.int64], path: Path, solver: str
 ) -> CurveSolution:
-    """Return the force at nodes that are held, at every equilibrium of a path."""
+    """Return the force at held nodes, at every equilibrium of a path."""
     end = (path.status, path.limit_load, path.iterations)
     if path.rest is None:
         return replace(
@@ -590,17 +590,17 @@ def _reactions(
     return CurveSolution(found[1:], by_load[1:], found[0], by_load[0], *end, solver)
 
 
-# of a campaign: beyond so many factorizations a path is not one that an emulator should learn
+# of a campaign: paths beyond this many factorizations are not suitable for training
 SAMPLING = PathEffort(total=150)
 LEARNED_STEPS = 3
-"""Fewest of a path that is learned: a stiff part goes to its end in one step, which says nothing of
-the course between."""
+"""Fewest equilibria of a training path: a stiff part would reach its last load in one step, which
+does not show the course in between."""
 
 
 class ExactMap:
     """The finite element model as a forward map: one load path for each specimen.
 
-    Where its material, weight or shape is not the same in all readings, as in several mounts, one
+    If material, weight or shape vary between a specimen's readings, as in several mounts, one path
     for each of them.
 
     Parameters
@@ -608,13 +608,13 @@ class ExactMap:
     geometry : Moulded
         The actuator as moulded.
     resolution : Resolution
-        Of the mesh.
+        Resolution of the mesh.
     executor : Executor, optional
-        Where the curves are solved; by default here, one after another.
+        Executor for the curves; by default serial, in this process.
     backend : {"kernels", "scikit-fem"}
-        What assembles the equations.
+        Assembly of the equations.
     on_start, on_curve : callable, optional
-        Called with the number of curves before, and after each curve, for a progress bar.
+        Called with the number of curves at the start, and after each curve, for a progress bar.
     """
 
     def __init__(
@@ -634,7 +634,7 @@ class ExactMap:
         self._on_curve = on_curve or (lambda: None)
 
     def __call__(self, inputs: Inputs) -> Prediction:
-        """Solve every curve; the last axis of the inputs runs over pressures."""
+        """Solve every curve; the last axis of the inputs is pressure."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
         curvature, angle, stretch, slope, status, swept, swelling, *strains = self._answers(inputs)
@@ -659,14 +659,14 @@ class ExactMap:
         return self.tip_force(inputs) if inputs.asked == "tip_force" else None
 
     def cavity_volume(self, inputs: Inputs) -> Floats:
-        """Return the volume of the whole actuator's cavity less that at zero pressure [ml].
+        """Return the increase of the whole actuator's cavity volume over zero pressure [ml].
 
-        At the reference pressure instead, if there is one; nan where the curve was not reached.
+        Over the reference pressure instead, if there is one; nan where the curve was not reached.
 
         Parameters
         ----------
         inputs : Inputs
-            The last axis runs over pressures.
+            The last axis is pressure.
         """
         if inputs.reference_pressure is not None:
             plain = replace(inputs, reference_pressure=None)
@@ -678,13 +678,13 @@ class ExactMap:
     def tip_force(self, inputs: Inputs) -> Further:
         """Return the force that holds the tip of the whole actuator in the bending direction [N].
 
-        The lower edge of its free end rests on a load cell; the force is less that at the reference
-        pressure, or at zero pressure. It is nan where the curve was not reached.
+        The lower edge of its free end rests on a load cell; the force is relative to the reference
+        pressure, or to zero pressure. It is nan where the curve was not reached.
 
         Parameters
         ----------
         inputs : Inputs
-            The last axis runs over pressures.
+            The last axis is pressure.
         """
         if inputs.reference_pressure is not None:
             plain = replace(inputs, reference_pressure=None)
@@ -697,7 +697,7 @@ class ExactMap:
         return Further(value, slope, np.zeros(value.shape))
 
     def _answers(self, inputs: Inputs, *, held: bool = False) -> Floats:
-        """Solve every curve; what `_place` returns, (7 + n_measures, …), or `_place_force`."""
+        """Solve every curve; return that of `_place`, (7 + n_measures, …), or `_place_force`."""
         load, *_ = dimensionless(inputs)
         groups = material_groups(inputs)
         given = (*groups.values(), *(inputs.dimensions or {}).values())
@@ -713,7 +713,7 @@ class ExactMap:
         }
         scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
         c1 = np.broadcast_to(inputs.c1, shape).reshape(-1, shape[-1])
-        # a layer has constants of its own, of which only ratios to C1 count
+        # a layer has its own constants, of which only ratios to C1 matter
         apart = rows | sizes | ({"c1": c1} if self.geometry.constraint.is_slab else {})
         places = [(i, at) for i in range(len(load)) for at in _alike(apart, i)]
         curves = [
@@ -745,7 +745,7 @@ class ExactMap:
         return LayerGroups(*(constant / c1 for constant in constraint.constants))
 
     def _moved(self, sizes: dict[str, float]) -> Moulded:
-        """Return the actuator with other dimensions [mm]; itself where there are none."""
+        """Return the actuator with changed dimensions [mm]; itself if there are none."""
         return with_dimensions(self.geometry, sizes) if sizes else self.geometry
 
     def _solve(
@@ -755,7 +755,7 @@ class ExactMap:
             (shape, self.resolution, curve) for shape, curve in zip(shapes, curves, strict=True)
         ]
         apply = map if self._executor is None else self._executor.map
-        # a curve without loads is no work
+        # a curve without loads needs no work
         self._on_start(sum(len(curve.loads) > 0 for curve in curves))
         solutions = []
         solve = partial(solve_task, backend=self.backend, held=held, origin=self.geometry)
@@ -766,11 +766,11 @@ class ExactMap:
         return solutions
 
 
-MESHES = 3  # held by a process; factors of a fine one take some hundred megabytes
+MESHES = 3  # cached by a process; factors of a fine one take some hundred megabytes
 
 
 class _Held:
-    """The meshes last used by this process, with their solvers; older ones are closed."""
+    """Cache of this process's last meshes with their solvers; older ones are closed."""
 
     def __init__(self) -> None:
         self._actuators: dict[tuple[object, ...], Actuator] = {}
@@ -808,7 +808,7 @@ def solve_task(
     held: bool = False,
     origin: Moulded | None = None,
 ) -> CurveSolution:
-    """Solve one curve, with this process's copy of the mesh built once; of a held tip its force.
+    """Solve one curve, with this process's copy of the mesh built once; its force for a held tip.
 
     The mesh is that of ``origin``, moved onto the actuator, if it is given.
     """
@@ -845,7 +845,7 @@ def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
 
 
 def _place_force(solution: CurveSolution, curve: Curve, load: Floats, size: Floats) -> list[Floats]:
-    """Put forces less that at rest, and p times their derivatives by p, where loads stand."""
+    """Place forces minus that at rest, and p times their derivatives by p, at their loads."""
     values = np.concatenate([solution.rest, solution.readings[:, 0]])
     rates = np.concatenate([solution.rest_rates, solution.rates[:, 0]])
     known = np.concatenate([[0.0], curve.loads])
@@ -857,9 +857,9 @@ def _place_force(solution: CurveSolution, curve: Curve, load: Floats, size: Floa
 
 
 def _place(solution: CurveSolution, curve: Curve, load: Floats, scale: Floats) -> list[Floats]:
-    """Put the solved loads, and rest at zero load, where they stand among the observations.
+    """Place results of solved loads, and of rest at zero load, among the observations.
 
-    Curvature, bend angle, peak stretch, slope, status, cavity volume of both halves less that at
+    Curvature, bend angle, peak stretch, slope, status, cavity volume of both halves minus that at
     rest [ml], q times its derivative by q, and the strains of ``MEASURES``.
     """
     values = np.vstack([solution.rest, solution.readings])

@@ -1,13 +1,14 @@
-"""What of the walls' state is held against the elongation at break of films.
+"""Measures of a wall's state, compared with the elongation at break of films.
 
 Break tests are uniaxial, walls are stretched along two axes, and no criterion is established for
-this material. Each becomes a strain of uniaxial tension that is as demanding:
+this material. Each is converted to an equally demanding strain of uniaxial tension:
 
-- ``principal_stretch``: the largest principal stretch that 99 % of the volume stays below;
+- ``principal_stretch``: the 99 % quantile over the volume of the largest principal stretch;
 - ``cauchy_stress``: the stretch of uniaxial tension with the largest Cauchy stress of such walls;
 - ``strain_energy``: the stretch of uniaxial tension with their energy;
-- ``weakest_link``: Weibull's strain (1/V ∫ ε^m dV)^(1/m), ε = λ − 1, which the whole volume has to
-  be under to break as often, strengths being independent from point to point.
+- ``weakest_link``: Weibull's strain (1/V ∫ ε^m dV)^(1/m), ε = λ − 1: the uniform strain at which
+the
+  volume breaks as often, with independent strengths from point to point.
 """
 
 from dataclasses import replace
@@ -32,17 +33,17 @@ Floats = NDArray[np.float64]
 WEIBULL_MODULI = (5.0, 10.0, 20.0, 40.0)
 ENERGY, DIFFERENCE = "peak_energy_stretch", "peak_difference_stretch"
 MEASURES = (*(f"weibull_strain_{modulus:g}" for modulus in WEIBULL_MODULI), ENERGY, DIFFERENCE)
-"""Measures of strain beside the peak stretch, as they are read of an equilibrium."""
+"""Measures of strain besides the peak stretch, read from an equilibrium."""
 _OFFSET = 10.0
-"""Interpolated in 1/(m + 10) the strain of a modulus is off by up to 0.5 %, as
-``benchmarks/rupture_fields.py --moduli`` prints; in 1/m or ln m it is by 1 to 2 %."""
+"""Interpolation in 1/(m + 10) has an error of the strain up to 0.5 %, as
+``benchmarks/rupture_fields.py --moduli`` prints; in 1/m or ln m it would be 1 to 2 %."""
 _AT = 1.0 / (np.array(WEIBULL_MODULI) + _OFFSET)
-_SMALLEST = 1e-12  # strain of walls at rest; its logarithm has to be finite
+_SMALLEST = 1e-12  # strain of walls at rest; its logarithm must be finite
 
 
 @cache
 def needed(criterion: str) -> tuple[int, ...]:
-    """Return the places in ``MEASURES`` of what a criterion follows from."""
+    """Return the indices in ``MEASURES`` needed by a criterion."""
     names = {
         "weakest_link": MEASURES[: len(WEIBULL_MODULI)],
         "strain_energy": (ENERGY,),
@@ -52,19 +53,19 @@ def needed(criterion: str) -> tuple[int, ...]:
 
 
 def scatter_law(criterion: RuptureCriterion) -> ScatterLaw:
-    """Return the law of the elongation at break that goes with a criterion."""
+    """Return the law of the elongation at break for a criterion."""
     return "weibull" if criterion == "weakest_link" else "lognormal"
 
 
 def within_moduli(modulus: Floats) -> Floats:
-    """Return Weibull's modulus, put on the end of 5 to 40 where it lies outside."""
+    """Clip Weibull's modulus to 5 to 40."""
     return np.clip(modulus, min(WEIBULL_MODULI), max(WEIBULL_MODULI))
 
 
 def modulus_weights(modulus: Floats) -> Floats:
-    """Return weights of ln ε at ``WEIBULL_MODULI`` with which ln ε of a modulus follows, (…, 4).
+    """Return weights of ln ε at ``WEIBULL_MODULI`` that interpolate ln ε to a modulus, (…, 4).
 
-    Lagrange's polynomial in 1/(m + 10); what lies outside 5 to 40 counts as the end of it.
+    Lagrange's polynomial in 1/(m + 10); values outside 5 to 40 are clipped.
 
     Examples
     --------
@@ -81,7 +82,7 @@ def modulus_weights(modulus: Floats) -> Floats:
 
 
 def demanded_strain(inputs: Inputs, strains: Floats) -> Floats:
-    """Return the strain of uniaxial tension that is as demanding by the criterion of the inputs.
+    """Return the equally demanding uniaxial strain by the criterion of the inputs.
 
     Parameters
     ----------
@@ -89,17 +90,17 @@ def demanded_strain(inputs: Inputs, strains: Floats) -> Floats:
         With a criterion other than ``principal_stretch``: material constants [MPa], Weibull's
         modulus.
     strains : array, shape (n_needed, …)
-        By the measures that `needed` names, in the shape that the inputs broadcast to [–].
+        Strains by the measures of `needed`, in the broadcast shape of the inputs [–].
 
     Returns
     -------
     array
-        λ − 1 [–]; nan where a strain is.
+        λ − 1 [–]; nan where a strain is nan.
 
     Raises
     ------
     ValueError
-        If a modulus is needed and not given.
+        If a modulus is needed but not given.
     """
     if inputs.criterion == "strain_energy":
         return np.asarray(strains[0])
@@ -120,27 +121,27 @@ def demanded(
     scatter: Floats,
     size_ratio: float,
 ) -> Prediction:
-    r"""Return what a forward map answers, its peak stretch as a criterion sees it.
+    r"""Evaluate a forward map, with the peak stretch as defined by a criterion.
 
-    That of the weakest link is larger by the size of the actuator,
+    That of the weakest link grows with the size of the actuator,
 
     .. math:: \lambda - 1 = \left(\frac{V}{V_0}\right)^{1/m} \varepsilon_w
 
-    with V as it has shrunk, V₀ of a film, and m of the films' scatter.
+    with V the shrunk volume, V₀ that of a film, and m from the films' scatter.
 
     Parameters
     ----------
     forward : ForwardMap
         The mechanics.
     inputs : Inputs
-        What it met.
+        Its inputs.
     criterion : str
-        Of rupture.
+        Rupture criterion.
     scatter : array
         Standard deviation of ln elongation at break of films, in a shape that broadcasts with the
         inputs [–].
     size_ratio : float
-        Volume of the actuator as moulded over that of a film that is stretched [–].
+        Volume of the actuator as moulded over that of a tested film [–].
     """
     if criterion != "weakest_link":
         changed = criterion != inputs.criterion
@@ -157,7 +158,7 @@ def demanded(
 
 
 def _same_stress(inputs: Inputs, energy: Floats, difference: Floats) -> Floats:
-    """Return the strain at which uniaxial tension has the stress 2 W'(Ī₁) (λ₁² − λ₃²)."""
+    """Return the strain with stress 2 W'(Ī₁) (λ₁² − λ₃²) in uniaxial tension."""
     law = Yeoh(inputs.c1, inputs.c2, inputs.c3)
     ratio = (difference**2 - 1.0 / difference) / np.maximum(energy**2 - 1.0 / energy, _SMALLEST)
     stress = ratio * largest_cauchy_stress(law, wall_state(energy, -0.5))

@@ -1,4 +1,4 @@
-"""The load path: Newton's method, continuation, the limit point; a failure is a value."""
+"""Load path: Newton's method, continuation, limit point; failures are returned, not raised."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -20,26 +20,26 @@ from bayesdeg.actuator.status import PathEffort, Status
 
 Floats = NDArray[np.float64]
 
-LARGEST_STEP = 0.2  # of the body's size; beyond it the iteration has lost its way
+LARGEST_STEP = 0.2  # of the body's size; beyond it the iteration has diverged
 CORRECTIONS = 8
-ROUNDING = 1e-7  # of the body's size: smaller corrections need not shrink
-SHRINKAGE = 0.7  # of each correction against the one before
+ROUNDING = 1e-7  # of the body's size: smaller corrections need not decrease
+SHRINKAGE = 0.7  # required ratio of each correction to the previous one
 
 
 @dataclass(frozen=True)
 class LoadStep:
-    """An equilibrium at one load, or where the search for one stopped.
+    """An equilibrium at one load, or the last iterate of a failed search.
 
     Parameters
     ----------
     state : MechanicalState
         The last iterate.
     rate : MechanicalState, optional
-        d(state)/d(load); None where the method failed.
+        d(state)/d(load); None if the method failed.
     factors : Linearisation, optional
-        Whose tangent the solver holds.
+        Linearisation whose tangent the solver holds.
     factorizations : int
-        How many were made.
+        Number of factorizations.
     """
 
     state: MechanicalState
@@ -53,7 +53,7 @@ def find_equilibrium(
 ) -> LoadStep:
     """Iterate from a guess to the equilibrium at its load.
 
-    The error left is in proportion to the square of the last step, which the tolerance bounds.
+    The remaining error is proportional to the square of the last step, bounded by the tolerance.
     The path's tangent comes from the last factors, corrected until it is that of the last state.
     """
     state, size = guess, float(np.ptp(problem.system.body.nodes, axis=0).max())
@@ -88,12 +88,12 @@ def polished(
     factors: Linearisation,
     effort: PathEffort,
 ) -> Point | None:
-    """Return an equilibrium and the path's tangent from approximate ones and factors near by.
+    """Return an equilibrium and the path's tangent from approximate ones and nearby factors.
 
     Each correction takes a step of the modified Newton method of the mixed problem, in which the
-    couplings of the volume equation are as old as the factors, so that a large K does no harm,
-    and removes the defect of the linear equation of the rate. It ends where one changes less
-    than ``effort.rate_tolerance`` of the largest velocity. None if the corrections do not shrink:
+    couplings of the volume equation are as old as the factors, so that a large K does no harm, and
+    removes the defect of the linear equation of the rate. It ends when a correction changes less
+    than ``effort.rate_tolerance`` of the largest velocity. None if the corrections do not decrease:
     the factors are too old.
     """
     size = float(np.ptp(problem.system.body.nodes, axis=0).max())
@@ -121,10 +121,10 @@ def polished(
     return None
 
 
-MEMORY = 3  # points that the next guess is extrapolated from
-LONGEST_EXTRAPOLATION = 4.0  # step over the shortest distance between them
+MEMORY = 3  # points from which the next guess is extrapolated
+LONGEST_EXTRAPOLATION = 4.0  # largest step over the shortest distance between them
 LARGEST_GROWTH = 2.5
-STUCK = 1e-5  # of the last load: shorter steps lead nowhere
+STUCK = 1e-5  # of the last load: shorter steps are hopeless
 
 
 def extrapolate(points: Sequence[Point], load: float) -> MechanicalState:
@@ -135,11 +135,11 @@ def extrapolate(points: Sequence[Point], load: float) -> MechanicalState:
     points : sequence of Point
         The path so far.
     load : float
-        Where to.
+        Target load.
     """
     loads = np.array([point.state.load for point in points[-MEMORY:]])
     count = len(loads)
-    # from points close together extrapolation is all rounding error
+    # extrapolation from close points is dominated by rounding
     while count > 1 and load - loads[-1] > LONGEST_EXTRAPOLATION * np.min(np.diff(loads[-count:])):
         count -= 1
     return hermite(points[-count:], load).state
@@ -195,24 +195,24 @@ def _hermite_factors(at: Floats, load: float) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class StepControl:
-    """How long the next step of the load may be.
+    """Control of the load step.
 
     Parameters
     ----------
     step : float
-        Wanted length of the next step [–].
+        Desired length of the next step [–].
     smallest : float
-        A step that fails is not tried below it [–].
+        A failed step is not retried below it [–].
     end : float
         The last load [–].
     longest : float
-        No step is longer [–].
+        Maximum step [–].
     target : float
-        Wanted error of the guess [mm].
+        Desired error of the guess [mm].
     exact : bool
         Whether every load must be met.
     memory : int
-        Points, at most, that the next guess is extrapolated from.
+        Maximum number of points used for extrapolation.
     """
 
     step: float
@@ -227,7 +227,7 @@ class StepControl:
     def start(
         cls, problem: DiscreteEquations, rest: Point, loads: Sequence[float], effort: PathEffort
     ) -> Self:
-        """Return the control at the beginning of a path: a first step that bends little."""
+        """Return the control at the beginning of a path: a first step with little bending."""
         size = float(np.ptp(problem.system.body.nodes, axis=0).max())
         speed = float(np.max(np.abs(rest.rate.displacement)))
         first = effort.first_step * size / max(speed, 1e-300)
@@ -249,14 +249,14 @@ class StepControl:
 
     @property
     def is_stuck(self) -> bool:
-        """Whether steps have become so short, though none failed, that the end is out of reach."""
+        """Whether steps are so short, without any failure, that the end is out of reach."""
         return self.step < STUCK * self.end
 
     def failed(self, trial: LoadStep) -> Self:
         """Return the control after a step that failed.
 
-        A guess that is no possible shape itself was extrapolated across a kink, as where paper
-        begins to wrinkle: the last tangent alone then leads further than half of the step.
+        A guess that is itself impossible was extrapolated across a kink, as where paper begins to
+        wrinkle: there the last tangent alone is a better guess than half the step.
         """
         if trial.factorizations == 1 and self.memory > 1:
             return replace(self, memory=1)
@@ -277,16 +277,16 @@ WIDEST = 2e-3  # relative width of the bracket, in load, within which a cubic gi
 
 @dataclass(frozen=True)
 class Limit:
-    """Where a path cannot be followed further, and why.
+    """End of a path that cannot be followed further, and why.
 
     Parameters
     ----------
     status : Status
         LIMIT_POINT, BUCKLED, EFFORT_EXHAUSTED or TIMED_OUT.
     load : float
-        Largest load; inf if it was not found [–].
+        Largest load; inf if not found [–].
     factorizations : int
-        Spent.
+        Number of factorizations.
     """
 
     status: Status
@@ -316,24 +316,24 @@ def locate_limit(
 ) -> Limit:
     """Return the load at which the pressure no longer rises with the volume.
 
-    The volume of the cavity is raised in steps with the pressure as an unknown: where d(load)/dV
-    changes its sign the actuator balloons. If the tangent becomes indefinite while the pressure
-    still rises, the shape buckles instead.
+    The cavity volume is raised in steps with the pressure as an unknown: where d(load)/dV changes
+    sign the actuator balloons. If the tangent becomes indefinite while the pressure still rises,
+    the shape buckles instead.
 
     Parameters
     ----------
     problem : DiscreteEquations
-        As it was followed.
+        The problem of the path.
     points : sequence of Point
-        The path as far as it was followed under pressure control.
+        The path as followed under pressure control.
     effort : PathEffort
         Tolerances and bounds.
     highest : float
-        Largest load of interest [–]; beyond twice that the search ends.
+        Largest load of interest [–]; the search ends at twice that.
     solver : str, optional
-        Name of the direct solver; by default the best that this machine has.
+        Name of the direct solver; by default the best available.
     deadline : float
-        Of ``time.monotonic``, after which the search is given up [s].
+        Time of ``time.monotonic`` at which the search is given up [s].
     """
     opened = open_indefinite(problem.system.upper, solver)
     search = _Search(problem, opened, effort)
@@ -430,13 +430,13 @@ def _top(here: _Place, there: _Place) -> tuple[float, float]:
 
 Visit = Callable[[LoadStep], None]
 
-SAFE_MISMATCH = 1e-3  # strain of the paper that one step from rest bears
-QUICK, QUICK_GROWTH = 3, 2.0  # a step of so few factorizations lets the next be longer
+SAFE_MISMATCH = 1e-3  # mismatch strain of the paper that one step from rest can take
+QUICK, QUICK_GROWTH = 3, 2.0  # a step with this few factorizations lengthens the next
 
 
 @dataclass(frozen=True)
 class Path:
-    """Equilibria at the wanted loads, in order, as far as there are any.
+    """Equilibria at the requested loads, in order, as far as reached.
 
     Parameters
     ----------
@@ -445,11 +445,11 @@ class Path:
     points : tuple of Point
         State and d(state)/d(load) at each load reached.
     status : Status
-        How the path ended.
+        Status of the path.
     limit_load : float
-        Load of the limit point, or where the shape buckles; inf if none was met.
+        Load of the limit point, or of buckling; inf if none was reached.
     iterations : int
-        Factorizations spent, cut steps included.
+        Number of factorizations, including rejected steps.
     """
 
     rest: Point | None
@@ -472,15 +472,14 @@ def follow(
     effort: PathEffort | None = None,
     visit: Visit | None = None,
 ) -> Path:
-    """Follow the equilibrium from rest through rising loads.
+    """Follow the equilibrium from rest through increasing loads.
 
-    Dead loads come first, at zero pressure. Each step starts from the polynomial through the
-    last states and the path's tangents there, and is as long as that polynomial is good for one
-    step of Newton's method. Between the ends of steps the same kind of polynomial is
-    interpolated, unless ``effort.exact`` asks for an equilibrium at every load. A step that
-    loses positive definiteness, turns an element inside out or does not converge is tried with a
-    guess by the last tangent alone, or halved; when nothing is left to halve, the limit point is
-    looked for.
+    Dead loads come first, at zero pressure. Each step starts from the polynomial through the last
+    states and the path's tangents there, and is as long as that polynomial is accurate enough for
+    one Newton step. Between the ends of steps the same kind of polynomial interpolates, unless
+    ``effort.exact`` requests an equilibrium at every load. A step that loses positive definiteness,
+    inverts an element or does not converge is retried with a guess by the last tangent alone, or
+    halved; when it cannot be halved further, the limit point is searched.
 
     Parameters
     ----------
@@ -489,7 +488,7 @@ def follow(
     solver : Factorization
         Direct solver opened on ``problem.system.upper``.
     loads : sequence of float
-        Pressure over C1, rising, above 0 [–].
+        Pressure over C1, increasing, above 0 [–].
     effort : PathEffort, optional
         Tolerances and bounds.
     visit : callable, optional
@@ -498,7 +497,7 @@ def follow(
     Returns
     -------
     Path
-        Never raises for a physical reason: look at ``status``.
+        Never raises for a physical reason: check ``status``.
     """
     effort = effort or PathEffort()
     if not is_elliptic(problem.material):
@@ -535,7 +534,7 @@ def _climb(
     visit: Visit,
     deadline: float,
 ) -> tuple[list[Point], Status, int]:
-    """Raise the load; return all points, how it ended, and the factorizations spent."""
+    """Raise the load; return all points, the status, and the number of factorizations."""
     points, spent = [rest], 0
     control = StepControl.start(problem, rest, loads, effort)
     while points[-1].state.load < loads[-1]:
@@ -569,7 +568,7 @@ def _rest(
     visit: Visit,
     deadline: float,
 ) -> tuple[Point | None, Status, int]:
-    """Find the equilibrium at zero pressure, the dead loads raised in steps.
+    """Find the equilibrium at zero pressure by raising the dead loads in steps.
 
     Each step starts from the polynomial through the last states.
     """
@@ -597,7 +596,7 @@ def _rest(
 
 
 def _first_share(problem: DiscreteEquations) -> float:
-    """Return a share of the dead loads that is safe to begin with."""
+    """Return a safe initial share of the dead loads."""
     if not problem.has_dead_load:
         return 1.0
     return min(1.0, SAFE_MISMATCH / max(abs(problem.material.paper_mismatch), SAFE_MISMATCH))

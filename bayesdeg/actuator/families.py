@@ -1,7 +1,7 @@
-"""The families of actuators: which geometry belongs to which dimensions, and back from a record.
+"""Families of actuators: from dimensions to geometry, and back from a record.
 
-That of a meshed part stands here; its cells are made in `bayesdeg.actuator.mesh`, where somebody
-solves it.
+The geometry of a meshed part is here; its cells are created in `bayesdeg.actuator.mesh`, when it is
+solved.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,21 +22,21 @@ from bayesdeg.errors import GeometryError
 
 @dataclass(frozen=True)
 class PartGeometry:
-    """A meshed part as moulded: there is one mesh of it, whatever resolution is asked for.
+    """A meshed part as moulded: it has a single mesh at any requested resolution.
 
     Parameters
     ----------
     dimensions : MeshDimensions
         As read.
     wall_factor, erosion : float
-        Neutral: nothing says which of its faces are walls.
+        Must be neutral, since its walls are unknown.
     constraint : Constraint
-        The layer on the boundary of that name.
+        The layer on the boundary named constraint.
 
     Raises
     ------
     GeometryError
-        If walls are to be changed, or the mesh is no longer what was read.
+        If walls are changed, or the mesh file differs from what was read.
     """
 
     dimensions: MeshDimensions
@@ -45,16 +45,16 @@ class PartGeometry:
     constraint: Constraint = field(default_factory=Constraint)
 
     def __post_init__(self) -> None:
-        """Refuse changes of what no dimensions describe."""
+        """Refuse changes of walls."""
         if self.wall_factor != 1.0 or self.erosion != 0.0:
-            raise GeometryError("nothing says which faces of a meshed part are walls")
+            raise GeometryError("walls of a meshed part are unknown, so they cannot be changed")
 
     @property
     def part(self) -> PartMesh:
-        """What the file holds."""
+        """Content of the file."""
         part = read_part(self.dimensions.path)
         if part.content != self.dimensions.content:
-            raise GeometryError(f"{self.dimensions.file} was changed since it was read")
+            raise GeometryError(f"{self.dimensions.file} has changed since it was read")
         return part
 
     @property
@@ -64,38 +64,38 @@ class PartGeometry:
 
     @property
     def outer(self) -> Box:
-        """Block about the half of the part [mm]."""
+        """Bounding block of half the part [mm]."""
         d = self.dimensions
         return (0.0, d.length), (0.0, 0.5 * d.width), (0.0, d.height)
 
     @property
     def cavities(self) -> tuple[Box, ...]:
-        """None: they are no boxes."""
+        """Empty: they are not boxes."""
         return ()
 
     @property
     def voids(self) -> tuple[Box, ...]:
-        """None: they are no boxes."""
+        """Empty: they are not boxes."""
         return ()
 
     @property
     def exposed(self) -> tuple[Box, ...]:
-        """None: they are no boxes."""
+        """Empty: they are not boxes."""
         return ()
 
     @property
     def slab(self) -> tuple[Box, ...]:
-        """None: a layer of elastomer is not meshed."""
+        """Empty: an elastomer layer is not meshed."""
         return ()
 
     @property
     def rounded(self) -> None:
-        """None: the outline is whatever the mesh says."""
+        """None: the outline is that of the mesh."""
         return
 
     @property
     def is_boxes(self) -> bool:
-        """Whether it is a block less boxes: it is not."""
+        """Whether it is a block minus boxes: no."""
         return False
 
     @property
@@ -104,20 +104,20 @@ class PartGeometry:
         return volume_of(self.part) * (2.0 if self.part.is_half else 1.0)
 
     def mesh_like(self, usual: Resolution) -> Resolution:
-        """Return the resolution as it is: it changes nothing."""
+        """Return the resolution unchanged; it has no effect."""
         return usual
 
     def planes(self) -> Planes:
-        """Return the planes of the block about it [mm]."""
+        """Return the planes of its bounding block [mm]."""
         x, y, z = (np.array(ends) for ends in self.outer)
         return x, y, z
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
-        """Return the part itself where nothing changes."""
+        """Return the part itself if nothing changes."""
         return replace(self, wall_factor=wall_factor, erosion=erosion)
 
     def record(self) -> dict[str, object]:
-        """Return all that a solution depends on: the mesh by its content, wherever it lies."""
+        """Return all that a solution depends on: the mesh by its content, not its path."""
         layer = constraint_record(self.constraint, self.dimensions)
         sizes = asdict(self.dimensions)
         del sizes["path"], sizes["file"], sizes["mesh_error"], sizes["cells"]
@@ -130,7 +130,7 @@ GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {
     "cylindrical": SegmentGeometry,
     "mesh": PartGeometry,
 }
-"""Each is made of the family's dimensions, a wall factor, an erosion and a constraint."""
+"""Each is built from the family's dimensions, a wall factor, an erosion and a constraint."""
 
 
 def geometry_of(dimensions: Mould, constraint: Constraint | None = None) -> Moulded:
@@ -139,14 +139,14 @@ def geometry_of(dimensions: Mould, constraint: Constraint | None = None) -> Moul
     Parameters
     ----------
     dimensions : Mould
-        Of any family, such as ``Dimensions`` or ``CylindricalDimensions``.
+        Dimensions of any family, such as ``Dimensions`` or ``CylindricalDimensions``.
     constraint : Constraint, optional
-        By default paper, where the family has it.
+        By default paper in the usual place.
 
     Raises
     ------
     GeometryError
-        If no actuator can be made of the dimensions.
+        If no actuator can have these dimensions.
 
     Examples
     --------
@@ -163,8 +163,8 @@ def geometry_of_study(settings: Settings) -> Moulded:
     Raises
     ------
     GeometryError
-        If faces fall together within the range of an uncertain dimension, so that no mesh can be
-        moved with it.
+        If faces coincide within the range of an uncertain dimension, so that no mesh can be moved
+        with it.
 
     Examples
     --------
@@ -176,22 +176,22 @@ def geometry_of_study(settings: Settings) -> Moulded:
         for end in (one.low, one.high):
             if not is_movable(geometry, with_dimensions(geometry, {one.name: end})):
                 raise GeometryError(
-                    f"{one.name} cannot be a prior from {one.low:.4g} to {one.high:.4g} mm: faces "
-                    "of the actuator fall together or apart in between; change a dimension that "
-                    "is equal to another, or give a narrower law"
+                    f"{one.name} cannot vary from {one.low:.4g} to {one.high:.4g} mm: faces of the "
+                    "actuator merge or separate in between; change a dimension that equals "
+                    "another, or give a narrower law"
                 )
     return geometry
 
 
 def with_dimensions(geometry: Moulded, values: Mapping[str, float]) -> Moulded:
-    """Return an actuator as moulded with other dimensions [mm] under the same layer.
+    """Return an actuator as moulded with different dimensions [mm] and the same layer.
 
-    Where no height of the layer is stated it stays where it usually lies.
+    A layer without a stated height stays in its default place.
 
     Raises
     ------
     GeometryError
-        If no actuator can be made of them.
+        If no actuator can have them.
 
     Examples
     --------
@@ -205,9 +205,9 @@ def with_dimensions(geometry: Moulded, values: Mapping[str, float]) -> Moulded:
 
 
 def is_movable(geometry: Moulded, other: Moulded) -> bool:
-    """Return whether the faces of two actuators of a family stand in the same order.
+    """Return whether the faces of two actuators of a family are in the same order.
 
-    Only then the bricks of one can be moved onto the other.
+    Only then can the bricks of one be moved onto the other.
 
     Examples
     --------
@@ -232,7 +232,7 @@ def geometry_of_record(record: Mapping[str, Any]) -> Moulded:
     Raises
     ------
     KeyError, TypeError, ValueError
-        If it is of another version of the package.
+        If it is from a different version of the package.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A pneunet: its dimensions and what follows from them: planes, cavities, slots."""
+"""Geometry of a pneunet: planes, cavities and slots from its dimensions."""
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
@@ -36,17 +36,17 @@ class Geometry:
     dimensions : Dimensions
         As moulded [mm].
     wall_factor : float
-        Thickness of roof and walls over the nominal one; the outer faces stay where they are [–].
+        Thickness of roof and walls over the nominal one; the outer faces do not move [–].
     erosion : float
-        Thickness lost from every face exposed to the soil: all outer faces and slots but for the
-        bottom, where the paper covers it, and the clamped end [mm].
+        Thickness lost from every face exposed to the soil: all outer faces and slots except the
+        bottom, where paper covers it, and the clamped end [mm].
     constraint : Constraint
-        The layer that does not stretch; by default the paper on the bottom.
+        The inextensible layer; by default the paper on the bottom.
 
     Raises
     ------
     GeometryError
-        If no actuator can be made of the dimensions; the message lists every reason.
+        If no actuator can have these dimensions; the message lists every reason.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Geometry:
                 else {}
             )
         wrong = [
-            f"{name} of {thickness:g} mm is lost to a wall factor of {w:g} and {e:g} mm of erosion"
+            f"{name} of {thickness:g} mm vanishes at a wall factor of {w:g} and {e:g} mm erosion"
             for name, thickness in walls.items()
             if not w * thickness > e
         ]
@@ -94,13 +94,13 @@ class Geometry:
         return tuple(wrong)
 
     def _room(self) -> tuple[float, ...]:
-        """Return what must stay above 0: lengths of chambers, over and beside the channel [mm]."""
+        """Return lengths that must stay above 0: chambers, above and beside the channel [mm]."""
         d, w = self.dimensions, self.wall_factor
         top, half = d.height - w * d.roof, d.width / 2 - w * d.side_wall
         along = min(b - a for a, b in self.chamber_spans)
         if d.chambers == 1:
             return along, half, top - d.floor
-        # where the channel ends inside the chambers nothing may come to pass it
+        # no wall may pass the channel where it ends inside the chambers
         same_top = np.isclose(d.floor + d.channel_height, d.height - d.roof)
         same_side = np.isclose(d.channel_width, d.width - 2 * d.side_wall)
         over = 1.0 if same_top and w == 1.0 else top - d.floor - d.channel_height
@@ -109,17 +109,17 @@ class Geometry:
 
     @property
     def length(self) -> float:
-        """Length that is left [mm]."""
+        """Remaining length [mm]."""
         return self.dimensions.length - self.erosion
 
     @property
     def half_width(self) -> float:
-        """Half of the width that is left [mm]."""
+        """Half the remaining width [mm]."""
         return self.dimensions.width / 2 - self.erosion
 
     @property
     def height(self) -> float:
-        """Height that is left [mm]."""
+        """Remaining height [mm]."""
         return self.dimensions.height - self.erosion
 
     @property
@@ -129,12 +129,12 @@ class Geometry:
 
     @property
     def bottom(self) -> float:
-        """Height of the bottom that is left [mm]."""
+        """Height of the remaining bottom [mm]."""
         return self.erosion if bottom_is_exposed(self.constraint, self.dimensions) else 0.0
 
     @property
     def outer(self) -> Box:
-        """What is left of the block after erosion [mm]."""
+        """Remaining block after erosion [mm]."""
         return (0.0, self.length), (0.0, self.half_width), (self.bottom, self.height)
 
     @property
@@ -175,7 +175,7 @@ class Geometry:
 
     @property
     def slot_bottom(self) -> float:
-        """Height at which the slots end: over the roof of the channel [mm]."""
+        """Height at which the slots end: above the roof of the channel [mm]."""
         d = self.dimensions
         return d.floor + d.channel_height + d.channel_roof - self.erosion
 
@@ -205,7 +205,7 @@ class Geometry:
 
     @property
     def exposed(self) -> tuple[Box, ...]:
-        """The slots, which lie open to what is outside [mm]."""
+        """The slots, which are open to the outside [mm]."""
         return self.slots
 
     @property
@@ -232,15 +232,15 @@ class Geometry:
 
     @property
     def is_boxes(self) -> bool:
-        """Whether it is a block less boxes: it is."""
+        """Whether it is a block minus boxes: yes."""
         return True
 
     def mesh_like(self, usual: Resolution) -> Resolution:
-        """Return a mesh of the default pneunet in the ratio of the sizes of both."""
+        """Return a mesh resolution scaled from the default pneunet."""
         return usual.scaled(relative_size(self.dimensions))
 
     def planes(self) -> Planes:
-        """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
+        """Return the coordinates of all planes along x, y and z between bricks [mm]."""
         return planes_of(self.outer, (*self.slab, *self.cavities, *self.slots), self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
@@ -248,10 +248,9 @@ class Geometry:
         return replace(self, wall_factor=wall_factor, erosion=erosion)
 
     def record(self) -> dict[str, object]:
-        """Return all that a solution depends on, as it is written and hashed.
+        """Return all that a solution depends on, as written and hashed.
 
-        The usual constraint, on the bottom, is not named: solutions were stored before there was
-        another.
+        The usual constraint, on the bottom, is not named, for compatibility with stored solutions.
         """
         named = asdict(self)
         del named["constraint"]

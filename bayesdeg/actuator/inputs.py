@@ -1,4 +1,4 @@
-"""What a forward map takes and gives, and the dimensionless groups of its inputs."""
+"""Inputs and predictions of a forward map, and the dimensionless groups of inputs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,12 +14,12 @@ Floats = NDArray[np.float64]
 PAPER_THICKNESS = 0.1  # mm
 
 Asked = Literal["", "cavity_volume", "tip_force"]
-"""What may be asked of a forward map beside the shape: nothing, or one of these."""
+"""Optional output of a forward map besides the shape: none, or one of these."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the mechanics needs; the arrays broadcast over walkers × specimens × pressures.
+    """Inputs of the mechanics; arrays broadcast over walkers × specimens × pressures.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ class Inputs:
     skin : array, optional
         ln of the stiffness of an exposed surface over that of the mean; neutral 0 [–].
     paper_thickness : array, optional
-        From which the paper's bending stiffness follows; 0.1 if not given [mm].
+        Gives the paper's bending stiffness; 0.1 by default [mm].
     paper_slack : array, optional
-        Strain within which the paper carries next to nothing; neutral 0 [–].
+        Strain below which the paper carries hardly any load; neutral 0 [–].
     paper_mismatch : array, optional
         Linear strain by which the body shrank after the paper was bonded; neutral 0 [–].
     weight_along, weight_up : array, optional
@@ -51,14 +51,14 @@ class Inputs:
     erosion : array, optional
         Thickness lost from exposed faces; neutral 0 [mm].
     criterion : str
-        What of the walls' state is asked for as peak stretch, see `bayesdeg.actuator.demand`.
+        Measure of the walls' state returned as peak stretch, see `bayesdeg.actuator.demand`.
     weibull_modulus : array, optional
-        m of the weakest link, the same at all pressures of a specimen; of no other criterion [–].
+        m of the weakest link, constant over pressures of a specimen; unused otherwise [–].
     asked : str
-        What is asked for beside the shape, see ``Prediction.further``.
+        Optional output besides the shape, see ``Prediction.further``.
     dimensions : mapping of str to array, optional
-        Dimensions as moulded that are not those of the map's actuator, the same at all pressures
-        of a specimen [mm].
+        Moulded dimensions that differ from the map's actuator, constant over pressures of a
+        specimen [mm].
     """
 
     pressure: Floats
@@ -85,16 +85,16 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Further:
-    """An output beside the shape, less that at the reference pressure, or at zero pressure.
+    """An output besides the shape, relative to the reference pressure or to zero pressure.
 
     Parameters
     ----------
     value : array
         Volume of the whole cavity [ml], or force that holds the tip in the bending direction [N].
     slope : array
-        p times its derivative by the pressure, in the same unit.
+        p times its derivative with respect to pressure, in the same unit.
     sd : array
-        Standard error of the map's own value.
+        Standard error of the map itself.
     """
 
     value: Floats
@@ -104,33 +104,33 @@ class Further:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a forward map answers; all arrays have the shape that the inputs broadcast to.
+    """Prediction of a forward map; all arrays have the broadcast shape of the inputs.
 
     Parameters
     ----------
     curvature : array
-        Bend angle over deformed arc length of the bottom line, less that at the reference
-        pressure, or at zero pressure if there is none [1/m]; nan where ``status`` is not 0.
+        Bend angle over deformed arc length of the bottom line, relative to the reference pressure,
+        or to zero pressure if there is none [1/m]; nan where ``status`` is not 0.
     bend_angle : array
-        Rotation of the free end face, less that at the reference pressure [deg].
+        Rotation of the free end face, relative to the reference pressure [deg].
     peak_stretch : array
-        Largest principal stretch that 99 % of the volume stays below, or the uniaxial stretch that
-        is as demanding by the criterion asked for [–].
+        99 % quantile over the volume of the largest principal stretch, or the equally demanding
+        uniaxial stretch by the requested criterion [–].
     slope : array
         p ∂κ/∂p, the change of curvature for a relative change of pressure [1/m]. It is nearly
         that for a relative loss of stiffness, which also changes the paper's group.
     sd : array
-        Standard error of the map's own curvature [1/m].
+        Standard error of the map's curvature [1/m].
     bend_angle_sd : array
-        Standard error of the map's own bend angle [deg].
+        Standard error of the map's bend angle [deg].
     peak_stretch_sd : array
-        Standard error of the map's own peak stretch [–].
+        Standard error of the map's peak stretch [–].
     status : array of int
         ``Status`` of each value.
     excess : array, optional
-        How far outside its range a map was asked that goes on beyond it, see `continuation` [–].
+        Distance outside the range of an extrapolating map, see `continuation` [–].
     further : Further, optional
-        What the inputs asked for beside the shape; None where nothing was, or the map has none.
+        The requested output besides the shape; None if not requested, or not available.
     """
 
     curvature: Floats
@@ -153,11 +153,11 @@ class ForwardMap(Protocol):
 
 
 def continuation(forward: ForwardMap) -> ForwardMap:
-    """Return a map that goes on smoothly outside the range of this one, if it can; else itself.
+    """Return a map that extrapolates smoothly outside its range, if possible; else itself.
 
-    For the search of a mode and the linearisation about it, which must find the way back inside:
-    ``excess`` says by how much it was asked outside, and the likelihood falls with its square. What
-    it answers there is no prediction.
+    For mode search and linearisation, which must find their way back inside: ``excess`` measures
+    the distance outside, and the likelihood falls with its square. Extrapolated values are not
+    predictions.
     """
     beyond: ForwardMap = getattr(forward, "continued", forward)
     return beyond
@@ -166,7 +166,7 @@ def continuation(forward: ForwardMap) -> ForwardMap:
 def dimensionless(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     """Return p/C1, C2/C1, C3/C1 and Et/(C1 s) [mm]: all that the curvature times s depends on.
 
-    All are nan where C1 is not above 0, since ratios hide its sign.
+    All are nan where C1 is not above 0, as ratios hide its sign.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def load_of(inputs: Inputs) -> Floats:
 
 
 def material_groups(inputs: Inputs) -> dict[str, Floats]:
-    """Return the fields of ``Material`` that the inputs give: dimensionless and at moulded size.
+    """Return the fields of ``MaterialGroups`` given by the inputs: dimensionless, at moulded size.
 
     Examples
     --------
@@ -240,7 +240,7 @@ NEUTRAL = {
 
 
 def departs(inputs: Inputs) -> NDArray[np.bool_]:
-    """Return where an input that is neutral by default is not: maps that lack it must refuse.
+    """Return where an optional input is not neutral: maps without it must refuse.
 
     Examples
     --------
@@ -260,8 +260,8 @@ def departs(inputs: Inputs) -> NDArray[np.bool_]:
 def gravity_direction(mount: str) -> tuple[float, float]:
     """Return the components along and up of a unit weight for a mount of the contract.
 
-    A horizontal bending plane has its weight across, where the half model cannot bend; its
-    effect on the curvature is of second order.
+    With a horizontal bending plane the weight acts across, where the half model cannot bend; its
+    effect on curvature is of second order.
 
     Examples
     --------
@@ -278,12 +278,12 @@ def gravity_direction(mount: str) -> tuple[float, float]:
 
 
 def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
-    """Return the prediction with the curvature at the reference pressure taken off.
+    """Return the prediction relative to the reference pressure.
 
-    Errors of a map are taken to grow along a curve by independent steps, so that the covariance
-    of two readings is the smaller variance: their difference has the variance |σ² − σ₀²|. That is
-    0 where the pressure is the reference, and not below what an error common to the whole curve
-    leaves, |σ − σ₀|.
+    Errors of a map are assumed to grow along a curve by independent steps, so that the covariance
+    of two readings is the smaller variance: their difference has the variance |σ² − σ₀²|. That is 0
+    at the reference pressure, and at least |σ − σ₀|, the part of an error common to the whole
+    curve.
     """
     assert inputs.reference_pressure is not None
     plain = forward(replace(inputs, reference_pressure=None))

@@ -1,4 +1,4 @@
-"""Compiled element kernels: the law at one point, residual and tangent of the solid, pressed faces.
+"""Compiled element kernels: material law, residual and tangent of the solid, pressurised faces.
 
 W(F, p) = Σ cᵢ (Ī₁ − 3)ⁱ + r (√Ī₂ − √3) + p (J − 1), with G = F⁻ᵀ, M = I₁ F − F C = ½ ∂I₂/∂F.
 
@@ -10,8 +10,8 @@ invariants and with the pressure as an independent field, discontinuous over the
 Ī₁ = J^(-2/3) I₁, Ī₂ = J^(-4/3) I₂. At each quadrature point the law gives the stress P = ∂W/∂F and
 the elasticity A = ∂²W/∂F∂F; an element's tangent is then one product of matrices.
 
-Rows are copied entry by entry: an assignment of slices brings with it the text of its error, which
-takes longer to compile than a kernel.
+Rows are copied entry by entry: slice assignment compiles its error message along, which takes
+longer than the kernel.
 """
 
 import numpy as np
@@ -205,21 +205,21 @@ def solid(
     bulk : float
         Bulk modulus K [C1].
     force : array, shape (n_nodes, 3)
-        Added to: the internal force, the pressure as it stands.
+        Added to: the internal force at the current pressure.
     coupling : array, shape (n_elements, n_modes, 3 n_local)
         Overwritten, unless it is empty: ∫ modes J F⁻ᵀ∇N dV.
     volume_residual : array, shape (n_elements, n_modes)
         Overwritten: ∫ modes (J − 1 − p/K) dV.
     position : array, shape (n_elements, n_stored)
-        Where entries of an element's upper triangle go in ``data``, in the order of
-        ``scatter_upper``; −1 where one is not stored.
+        Positions of an element's upper triangle in ``data``, in the order of ``scatter_upper``; −1
+        where one is not stored.
     data : array
         Added to: entries of the upper triangle of the tangent; empty for the force alone.
 
     Returns
     -------
     float
-        The smallest J; if that is not above 0, nothing else means anything.
+        The smallest J; if it is not above 0, the other results are meaningless.
     """
     n_local, n_points = elements.shape[1], weights.shape[1]
     coupled = modes.shape[1] if coupling.size > 0 else 0
@@ -295,7 +295,7 @@ def _evaluate_element(
 ) -> float:  # pragma: no cover - compiled
     """Evaluate the law at an element's points; return the smallest J, or the first not above 0.
 
-    ``rows`` gets the weighted stress and, where there is room, J F⁻ᵀ for each mode; ``right`` the
+    ``rows`` gets the weighted stress and, if it has room, J F⁻ᵀ for each mode; ``right`` the
     weighted elasticity times the gradients, unless it has no columns; ``volume_residual`` is
     overwritten.
     """
@@ -796,8 +796,8 @@ def cavity_volume(
     """Add ``factor`` times the gradient and Hessian of the enclosed volume; return the volume.
 
     The dead volume at the plane of symmetry contributes nothing, since there x · n = 0. ``placed``
-    holds current positions (n_nodes, 3) [mm], ``force`` is (n_nodes, 3), ``data`` is empty if the
-    Hessian is not wanted; ``form`` comes from ``volume_form``.
+    holds current positions (n_nodes, 3) [mm], ``force`` is (n_nodes, 3), ``data`` is empty if no
+    Hessian is needed; ``form`` comes from ``volume_form``.
     """
     volume, count = 0.0, faces.shape[1]
     local = np.empty((count, 3))

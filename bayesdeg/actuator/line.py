@@ -1,6 +1,6 @@
-"""How far a line of points is bent: one function for a camera's points and the model's nodes.
+"""Bend of a line of points: the same functions for a camera's points and the model's nodes.
 
-What laboratories call curvature differs by the operator that reads it. On the bottom line of a
+What laboratories call curvature depends on the operator that reads it. On the bottom line of a
 chambered actuator, whose floor bulges under each chamber, operators differ by up to a fifth.
 """
 
@@ -21,18 +21,18 @@ MILLIMETRES_PER_METRE = 1000.0
 
 
 def splines() -> Any:
-    """Return ``scipy.interpolate``: half a second to import, and most studies have no lines."""
+    """Import ``scipy.interpolate`` late: it takes half a second, and few studies have lines."""
     return importlib.import_module("scipy.interpolate")
 
 
 @dataclass(frozen=True)
 class Bend:
-    """How far a row of points is bent.
+    """Bend of a row of points.
 
     Parameters
     ----------
     angle : float
-        Rotation of the free end relative to the clamped one, beyond 180° too [rad].
+        Rotation of the free end relative to the clamped one, possibly beyond 180° [rad].
     arc_length : float
         Length of the row along its arc [mm].
     """
@@ -66,7 +66,7 @@ def measure_bend(points: npt.ArrayLike, *, end_points: int | None = None) -> Ben
         apart [mm].
     end_points : int, optional
         Number of points at each end that give the tangent there, at least 3; by default a third
-        of the row. Few follow the very end, many suppress noise; all n fit one circle.
+        of the row. Few points follow the end closely, many suppress noise; all n fit one circle.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def curvature_standard_error(
     0.391918359
     """
     if points_count < 3:
-        raise ValueError("a row needs at least 3 points to be bent")
+        raise ValueError("a row needs at least 3 points")
     chords = np.full(points_count - 1, arc_length / (points_count - 1))
     weights = _angle_weights(chords, chords, _end_count(points_count, end_points))
     across = np.diff(weights / chords, prepend=0.0, append=0.0)
@@ -167,7 +167,7 @@ def spline_curvature(points: npt.ArrayLike, *, noise_sd: float = 0.0) -> float:
 
     .. math:: \bar\kappa = \frac{1}{L} \int \frac{x'' z' - x' z''}{(x'^2 + z'^2)^{3/2}} ds
 
-    The Kappa plugin for Fiji (doi:10.1101/852772) averages in another way, see `kappa_bend`.
+    The Kappa plugin for Fiji (doi:10.1101/852772) averages differently, see `kappa_bend`.
 
     Parameters
     ----------
@@ -261,14 +261,14 @@ def _tangent_weights(distances: Floats, chords: Floats) -> Floats:
 def read_line(
     points: npt.ArrayLike, operator: Operator = "angle_over_arc", *, end_angle: float | None = None
 ) -> Bend:
-    r"""Return curvature, angle and arc length of a line of points as an operator reads them.
+    r"""Return curvature, angle and arc length of a line of points by an operator.
 
     ``angle_over_arc``
         The rotation between the ends over the arc length. With the rotation of the end faces,
         ``end_angle``, it is the contract's curvature; from points alone the tangents at the ends
-        stand in for it, see `measure_bend`.
+        replace it, see `measure_bend`.
     ``circle``
-        1/R of the circle that fits all points best by least squares of distances across it.
+        1/R of the circle fitted to all points by least squares of radial distances.
     ``spline``
         Mean curvature of an interpolating cubic spline, see `spline_curvature`.
     ``base_tip``
@@ -277,9 +277,9 @@ def read_line(
 
         .. math:: \kappa = \frac{2 \sin \varphi}{c}, \qquad \theta = 2 \varphi .
 
-        It alone depends on how the picture is aligned with the clamp.
+        Only this one depends on the alignment of the picture with the clamp.
 
-    What Kappa says of a line, `kappa_bend`, depends on a number of control points besides.
+    Kappa's reading, `kappa_bend`, also depends on a number of control points.
 
     Parameters
     ----------
@@ -288,8 +288,8 @@ def read_line(
     operator : str
         One of the four.
     end_angle : float, optional
-        Rotation of the free end face relative to the clamped one, where it was seen [rad]; of use
-        to ``angle_over_arc`` alone.
+        Rotation of the free end face relative to the clamped one, if known [rad]; used by
+        ``angle_over_arc`` only.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def read_line(
 
     Examples
     --------
-    On a circular arc all of them agree, the spline as far as its points are close:
+    On a circular arc all of them agree, the spline for close points:
 
     >>> s = np.linspace(0.0, np.pi / 2, 20)
     >>> row = np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100])
@@ -312,9 +312,9 @@ def read_line(
 
 
 def circle_bend(points: npt.ArrayLike) -> Bend:
-    r"""Fit a circle: least squares of the distances across it, by Gauss's and Newton's method.
+    r"""Fit a circle by least squares of radial distances, with the Gauss–Newton method.
 
-    The fit is in terms of the curvature, so that straight rows are no exception: with r from the
+    The fit is in terms of curvature, so straight rows need no special case: with r from the
     first point and n across the direction there, a circle is the set of points where
 
     .. math:: f = a + \sqrt{1 + 2 a \kappa}\; n \cdot r + \tfrac{\kappa}{2} r^2 = 0
@@ -333,7 +333,7 @@ def circle_bend(points: npt.ArrayLike) -> Bend:
     start = measure_bend(row)
     r = (row - row[0]) / start.arc_length
     square = 0.5 * np.sum(r * r, axis=1)
-    # an arc leaves its chord by half its angle
+    # an arc's end tangent deviates from its chord by half its angle
     offset, curvature = 0.0, start.angle
     direction = float(np.arctan2(r[-1, 1], r[-1, 0])) + 0.5 * curvature
     for _ in range(_STEPS):
@@ -380,35 +380,35 @@ def spline_bend(points: npt.ArrayLike) -> Bend:
 
 
 def kappa_bend(points: npt.ArrayLike, controls: int) -> Bend:
-    r"""Return what Fiji's plugin Kappa says of a traced line.
+    r"""Return the reading of a traced line by Fiji's plugin Kappa.
 
-    A cubic B-spline with its first and last control point at the ends and even knots is fitted to
-    the pixels of the line: each pixel is given to the nearest of 129 points on each piece, all
-    control points follow by least squares, and this is repeated as long as the points of the curve
-    come closer to the pixels on average. The curvature is the mean of its absolute value over these
-    points, which are even in the spline's parameter, not along the arc:
+    A cubic B-spline with its first and last control point at the ends and uniform knots is fitted
+    to the pixels of the line: each pixel is assigned to the nearest of 129 points on each piece,
+    all control points follow by least squares, and this is repeated while the curve's points
+    approach the pixels on average. The curvature is the mean of its absolute value over these
+    points, which are uniform in the spline's parameter, not along the arc:
 
     .. math:: \bar\kappa = \frac{1}{129 m} \sum_j |\kappa(u_j)|, \qquad m = n - 3
 
-    with n control points. The fit begins with control points evenly on the line, as a person may
-    set them, and ends after one to six rounds, wherever it began: it does not read 1/R of an arc.
+    with n control points. The fit starts with control points spaced evenly on the line, as a person
+    may set them, and ends after one to six rounds from any start: it does not read 1/R of an arc.
 
     Parameters
     ----------
     points : array_like, shape (n_pixels, 2)
-        Pixels of the line, many for each control point [mm].
+        Pixels of the line, many per control point [mm].
     controls : int
         n, at least 4.
 
     Returns
     -------
     Bend
-        Of which the angle is the mean curvature times the length of the curve.
+        Its angle is the mean curvature times the length of the curve.
 
     Raises
     ------
     ValueError
-        If there are fewer than four control points, or fewer points than those.
+        If there are fewer than four control points, or fewer points than control points.
 
     Examples
     --------
@@ -419,7 +419,7 @@ def kappa_bend(points: npt.ArrayLike, controls: int) -> Bend:
     """
     row = _checked(points)
     if not 4 <= controls <= len(row):
-        raise ValueError(f"{controls} control points are none of a cubic spline of {len(row)}")
+        raise ValueError(f"{controls} control points do not fit a spline through {len(row)} points")
     pieces = controls - 3
     knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, pieces + 1), [1.0] * 3])
     steps = np.linspace(0.0, 1.0, _PER_PIECE)
@@ -435,7 +435,7 @@ def kappa_bend(points: npt.ArrayLike, controls: int) -> Bend:
 
 
 def _fitted_as_kappa(pixels: Floats, controls: Floats, basis: Floats) -> Floats:
-    """Return control points after as many fits as bring the curve closer to the pixels."""
+    """Return control points after repeated fits, while the curve approaches the pixels."""
     tree = importlib.import_module("scipy.spatial").KDTree
     near = tree(pixels)
     distance = np.mean(near.query(basis @ controls)[0])
@@ -450,11 +450,11 @@ def _fitted_as_kappa(pixels: Floats, controls: Floats, basis: Floats) -> Floats:
 
 
 _PER_PIECE = 129  # points that Kappa sets on each piece of a spline
-_ROUNDS = 60  # of its fit, which ends by itself; six were the most on lines of the model
+_ROUNDS = 60  # maximum rounds of its fit; at most six occurred on lines of the model
 _STEPS = 60
-"""Steps of Gauss's and Newton's method; fewer than ten are enough on rows that look like arcs."""
+"""Maximum Gauss–Newton steps; fewer than ten suffice on rows that look like arcs."""
 _LEAST = 1e-12
-"""Keeps roots from 0 while the method is far off: that at the centre of the circle."""
+"""Lower bound of the argument of roots while the method is far off, as at the circle's centre."""
 
 OPERATORS: Mapping[Operator, Callable[[npt.ArrayLike], Bend]] = MappingProxyType(
     {

@@ -1,7 +1,7 @@
 """Direct solution of the sparse symmetric systems of Newton's method.
 
-Left to itself pypardiso searches every folder of the environment for the library, at its import and
-again for each solver, which takes longer than a solution.
+By itself pypardiso searches every folder of the environment for the library, on import and again
+for each solver, which takes longer than a solution.
 """
 
 import ctypes
@@ -17,23 +17,23 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse import linalg as sparse_linalg
 
-# of the wheel ``mkl``, under sys.prefix: Linux, macOS, Windows
+# library of the wheel ``mkl``, under sys.prefix: Linux, macOS, Windows
 PLACES = ("lib/libmkl_rt.so*", "lib/libmkl_rt*.dylib", "Library/bin/mkl_rt*.dll")
 VARIABLE = "PYPARDISO_MKL_RT"
-LAYER = "MKL_THREADING_LAYER"  # one thread a process: no threading runtime has to be there
+LAYER = "MKL_THREADING_LAYER"  # one thread per process: no threading runtime is needed
 
 
 def name_library(
     prefix: Path = Path(sys.prefix), environment: MutableMapping[str, str] = os.environ
 ) -> None:
-    """Tell pypardiso where the library is, unless the user did; where it is not, let it search.
+    """Tell pypardiso where the library is, unless the user did; if missing, let it search.
 
     Parameters
     ----------
     prefix : Path
-        Of the environment.
+        Prefix of the environment.
     environment : mapping
-        Gets ``PYPARDISO_MKL_RT``, also for worker processes.
+        Receives ``PYPARDISO_MKL_RT``, also for worker processes.
     """
     found = [path for place in PLACES for path in prefix.glob(place)]
     if found:
@@ -50,8 +50,8 @@ except ImportError:  # pragma: no cover - depends on the machine
 
 Floats = NDArray[np.float64]
 
-# of PARDISO: not all by default, nested dissection, no refinement of solutions, which by default
-# costs more than they do and which Newton's method and the corrections here make needless
+# PARDISO: not all parameters default, nested dissection, no iterative refinement, which costs more
+# than solutions and is made unnecessary by Newton's method and the corrections here
 _PARAMETERS = {1: 1, 2: 2, 8: 0}
 
 
@@ -71,7 +71,7 @@ class Factorization(Protocol):
         """Solve for one right-hand side, shape (n,), or several, (n, k)."""
 
     def close(self) -> None:
-        """Give the memory back."""
+        """Release the memory."""
 
 
 class Indefinite(Protocol):
@@ -84,7 +84,7 @@ class Indefinite(Protocol):
         """Solve for one right-hand side, shape (n,), or several, (n, k)."""
 
     def close(self) -> None:
-        """Give the memory back."""
+        """Release the memory."""
 
 
 @dataclass
@@ -135,7 +135,7 @@ class PardisoCholesky:
 
 @dataclass
 class SuperLU:
-    """The fallback where MKL is not to be had: SuperLU in symmetric mode.
+    """The fallback without MKL: SuperLU in symmetric mode.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ class PardisoIndefinite:
 
 @dataclass
 class SuperLUIndefinite:
-    """The fallback: SuperLU without pivoting, the signs of whose pivots count eigenvalues.
+    """The fallback: SuperLU without pivoting; the signs of its pivots count eigenvalues.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def open_indefinite(upper: sp.csr_array, name: str | None = None) -> Indefinite:
     upper : scipy.sparse.csr_array
         Pattern of the upper triangle.
     name : {"pypardiso", "splu"}, optional
-        To choose one; by default the first that is installed.
+        The solver; by default the first one installed.
     """
     if name == "splu" or (name is None and pypardiso is None):
         return SuperLUIndefinite(_with_own_data(upper))
@@ -268,14 +268,14 @@ def open_indefinite(upper: sp.csr_array, name: str | None = None) -> Indefinite:
 
 
 def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factorization:
-    """Return the best direct solver that this machine has, with entries of its own.
+    """Return the best available direct solver, with its own matrix entries.
 
     Parameters
     ----------
     upper : scipy.sparse.csr_array
         Pattern of the upper triangle.
     name : {"pypardiso", "splu"}, optional
-        To choose one; by default the first that is installed.
+        The solver; by default the first one installed.
     """
     own = _with_own_data(upper)
     if name == "splu" or (name is None and pypardiso is None):

@@ -1,4 +1,4 @@
-"""What the discrete equations need to know of an actuator: its dimensionless constants."""
+"""Dimensionless constants of an actuator for the discrete equations."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MaterialGroups:
-    """The actuator's groups, in units of C1 and at moulded size; neutral but for the first three.
+    """Groups in units of C1 and at moulded size; all but the first three default to neutral.
 
     Parameters
     ----------
@@ -31,10 +31,10 @@ class MaterialGroups:
     paper_thickness : float
         Thickness over the linear scale, t/s [mm]; it gives the paper its bending stiffness.
     paper_slack : float
-        Strain within which a cockled paper carries next to nothing [–].
+        Strain below which a cockled paper carries hardly any load [–].
     paper_mismatch : float
-        How much longer the paper is than the body that it is bonded to: the linear strain by
-        which the body shrank after the paper was bonded [–].
+        Excess length of the paper over the body it is bonded to: the linear strain by which the
+        body shrank after the paper was bonded [–].
     gravity_along, gravity_up : float
         ρ g s/C1 along the actuator, from the clamp, and up, from the paper [1/mm].
     wall_factor : float
@@ -61,7 +61,7 @@ class MaterialGroups:
 
 @dataclass(frozen=True)
 class LayerGroups:
-    """Yeoh constants of a layer of another elastomer, over C1 of the body.
+    """Yeoh constants of a layer of a different elastomer, over C1 of the body.
 
     Parameters
     ----------
@@ -84,9 +84,9 @@ def local_constants(
     material : MaterialGroups
         Of the body, whose skin may be stiffer than its core.
     body : Body
-        Its bricks.
+        Body of bricks.
     layer : LayerGroups, optional
-        Of the bricks of its layer, which has no skin.
+        Constants of its layer's bricks, which have no skin.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def is_elliptic(material: MaterialGroups) -> bool:
     return c3 == 0.0 and c2 >= 0.0
 
 
-SKIN_DEPTH = 0.5  # mm at moulded size, over which degradation falls by e from an exposed face
+SKIN_DEPTH = 0.5  # mm at moulded size, decay length of degradation from an exposed face
 
 
 def skin_profile(body: Body, depth: float = SKIN_DEPTH) -> Floats:

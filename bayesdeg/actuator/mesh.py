@@ -1,4 +1,4 @@
-"""Geometry, or a user's own mesh, to a half model with named boundaries, on scikit-fem's bases."""
+"""Build a half model with named boundaries from a geometry or a user's mesh, with scikit-fem."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,29 +32,29 @@ from bayesdeg.errors import GeometryError
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-TOGETHER = 9  # decimals of a coordinate [mm]: nodes of core and ring that agree to them are one
+TOGETHER = 9  # decimals of a coordinate [mm]: nodes of core and ring equal to them are merged
 
 
 @dataclass(frozen=True, eq=False)
 class ActuatorMesh:
-    """The half model: its body, and the node sets that are read.
+    """The half model: its body, and the node sets used by readings.
 
     Parameters
     ----------
     geometry : Moulded
-        What was meshed.
+        The meshed geometry.
     body : Body
-        Cells, what is held, pressed and papered; depth under the faces exposed to the soil.
+        Cells; fixed, pressurised and papered faces; depth under faces exposed to the soil.
     free_end : array, shape (n_faces, n_nodes of a side)
-        Nodes of the faces of the free end; of an actuator of a family as grids over y and z.
+        Nodes of the faces of the free end; grids over y and z, except for a user's mesh.
     bottom_line : array, shape (n,)
         Nodes of the line at the middle of the constraint layer, which is on the bottom of a
         pneunet, ordered along x; its curvature is read.
     share : float
-        Of the model's volume and force, what a half of the actuator has: 1/2 where the model is
-        the whole of it.
+        Share of the model's volume and force that half of the actuator has: 1/2 if the model is the
+        whole actuator.
     unbent : array, shape (n_nodes, 3), optional
-        Where nodes of a round section are in the block from which it is bent [mm].
+        Nodes of a round section in the block from which it is bent [mm].
     """
 
     geometry: Moulded
@@ -81,9 +81,9 @@ def build_mesh(
     resolution : Resolution
         Largest element sizes [mm]; every wall has at least one element.
     element : Element
-        Kind of brick; tetrahedra are of the one kind that there is.
+        Kind of brick; there is only one kind of tetrahedron.
     cuts : tuple of arrays, optional
-        Further planes along x, y and z between which bricks stand [mm].
+        Additional mesh planes along x, y and z [mm].
 
     Examples
     --------
@@ -127,7 +127,7 @@ def build_mesh(
 def with_held_tip(mesh: ActuatorMesh) -> ActuatorMesh:
     """Return the mesh with the lower edge of its free end held in the bending direction.
 
-    So it rests on a load cell: along x it slides, and the end may turn.
+    Like resting on a load cell: it slides along x, and the end may rotate.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def tip_edge(mesh: ActuatorMesh) -> Indices:
 def _bricks(
     geometry: Moulded, grids: list[Floats], resolution: Resolution, element: Element
 ) -> tuple[Body, Floats | None]:
-    """Return the bricks of material, and where those of a round section are before it is bent."""
+    """Return the bricks of material, and those of a round section before bending."""
     section, (x, y, z) = geometry.rounded, grids
     if section is not None:
         a, b = section.core
@@ -171,16 +171,16 @@ def _bricks(
 
 
 def _ringed(core: MeshHex, grids: list[Floats], section: RoundSection, size: float) -> MeshHex:
-    """Return bricks of a core with those of the ring about it, not bent yet.
+    """Return bricks of a core and of the ring around it, before bending.
 
     Parameters
     ----------
     core : MeshHex
-        Without what is hollow in it.
+        Core mesh without its cavities.
     grids : list of array
-        Ends of its bricks along x, y and z [mm].
+        Brick planes along x, y and z [mm].
     section : RoundSection
-        With the core.
+        Section with the core.
     size : float
         Largest thickness of a brick of the ring [mm].
     """
@@ -213,19 +213,19 @@ def _joined(parts: Sequence[tuple[Floats, NDArray[np.int64]]]) -> MeshHex:
 
 
 def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> ActuatorMesh:
-    """Return the mesh with thicker or thinner walls and faces eroded: the same bricks moved.
+    """Return the mesh with changed walls and eroded faces, by moving the same bricks.
 
     Parameters
     ----------
     mesh : ActuatorMesh
-        Of the nominal geometry.
+        Mesh of the nominal geometry.
     wall_factor, erosion : float
         As in ``Moulded.changed`` [–, mm].
 
     Raises
     ------
     GeometryError
-        If nothing is left of a wall or of a chamber.
+        If a wall or chamber vanishes.
     """
     geometry = mesh.geometry.changed(wall_factor=wall_factor, erosion=erosion)
     if not geometry.is_boxes:
@@ -234,21 +234,21 @@ def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> Actua
 
 
 def moved_onto(mesh: ActuatorMesh, geometry: Moulded) -> ActuatorMesh:
-    """Return a mesh whose bricks are moved onto another actuator of the same family.
+    """Return a mesh with bricks moved onto a different actuator of the same family.
 
-    Between two actuators that differ little, what the mesh misses is then nearly the same in both.
+    The discretisation error is then nearly the same in two similar actuators.
 
     Parameters
     ----------
     mesh : ActuatorMesh
-        Of an actuator made of boxes.
+        Mesh of an actuator made of boxes.
     geometry : Moulded
-        One whose faces stand in the same order.
+        An actuator whose faces are in the same order.
 
     Raises
     ------
     GeometryError
-        If they do not.
+        If the faces are not in the same order.
 
     Examples
     --------
@@ -262,7 +262,7 @@ def moved_onto(mesh: ActuatorMesh, geometry: Moulded) -> ActuatorMesh:
     """
     before, after = mesh.geometry.planes(), geometry.planes()
     if any(len(a) != len(b) for a, b in zip(before, after, strict=True)):
-        raise GeometryError("walls so changed fall together with other faces")
+        raise GeometryError("the changed walls coincide with other faces; change less")
     start = mesh.body.nodes if mesh.unbent is None else mesh.unbent
     nodes = np.column_stack(
         [np.interp(start[:, axis], before[axis], after[axis]) for axis in range(3)]
@@ -274,7 +274,7 @@ def moved_onto(mesh: ActuatorMesh, geometry: Moulded) -> ActuatorMesh:
 
 
 def _depth(body: Body, geometry: Moulded) -> Floats:
-    """Distance of quadrature points from the faces that are exposed to the soil."""
+    """Return the distance of quadrature points from faces exposed to the soil."""
     points = np.einsum("qa,eai->eqi", body.element.shapes, body.nodes[body.elements])
     (_, length), (_, half_width), (bottom, top) = geometry.outer
     if geometry.rounded is not None:
@@ -292,14 +292,14 @@ def _depth(body: Body, geometry: Moulded) -> Floats:
 
 
 def _layer(body: Body, geometry: Moulded) -> Indices:
-    """Nodes of the faces that a membrane covers, as grids over x and y."""
+    """Return the nodes of faces covered by a membrane, as grids over x and y."""
     if not geometry.constraint.is_membrane:
         return np.empty((0, body.element.sides.shape[1]), dtype=np.int64)
     return grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
 
 
 def _slab(body: Body, geometry: Moulded) -> NDArray[np.bool_] | None:
-    """Bricks of a constraint layer of elastomer; None without one."""
+    """Return the bricks of an elastomer constraint layer; None without one."""
     if not geometry.slab:
         return None
     return _inside_any(body.nodes[body.elements].mean(axis=1), geometry.slab)
@@ -324,9 +324,9 @@ def _divide(planes: Floats, size: float, grading: float) -> Floats:
 def graded(count: int, grading: float, *, first: bool, last: bool) -> Floats:
     """Return ends of elements on [0, 1] that are smaller towards its first or last end.
 
-    x = t − β sin(2πt)/(2π) for both ends, x = t − β sin(πt)/π for the first, with t even: at the
-    end elements are 1 − β times as large as even ones. More elements on the same map are a true
-    refinement, which an extrapolation to vanishing size needs.
+    x = t − β sin(2πt)/(2π) for both ends, x = t − β sin(πt)/π for the first, with t uniform: end
+    elements are 1 − β times as large as uniform ones. More elements on the same map are a true
+    refinement, as extrapolation to vanishing size requires.
 
     Examples
     --------
@@ -375,9 +375,9 @@ def _line(nodes: Floats, height: float) -> Indices:
 
 
 def _of_part(geometry: PartGeometry, element: Element) -> ActuatorMesh:
-    """Return the mesh of a part that the user has meshed, its cells with straight edges.
+    """Return the mesh of a part meshed by the user, with straight-edged cells.
 
-    Tetrahedra are of the one element that there is of them, whichever kind of brick is asked for.
+    There is only one tetrahedral element, whatever brick is requested.
 
     Raises
     ------
@@ -419,7 +419,7 @@ def _keys(sides: Indices) -> NDArray[np.str_]:
 
 
 def _corners_of(body: Body, faces: Indices, part: PartMesh) -> NDArray[np.str_]:
-    """Return the corners of faces as the part numbers them; nodes of corners come first."""
+    """Return the corners of faces in the part's numbering; corner nodes come first."""
     at = faces[:, body.element.corners]
     place = np.full(len(body.nodes), -1)
     place[: len(part.points)] = np.arange(len(part.points))
@@ -443,7 +443,7 @@ def _line_of_part(body: Body, part: PartMesh, height: float) -> Indices:
     whole = len(line) > 2 and np.ptp(ends) > (1.0 - FLAT) * float(part.size[0])
     if not whole or (len(line) - 1) % body.element.order:
         raise GeometryError(
-            "no line of edges runs along the middle of the constraint, or of the bottom: mesh the "
-            "part so that one does"
+            "no line of edges runs along the middle of the constraint, or of the bottom: add one "
+            "to the mesh of the part"
         )
     return line

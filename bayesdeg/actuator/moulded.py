@@ -1,4 +1,4 @@
-"""What a mesh asks of an actuator of any family, and what follows from its boxes alone."""
+"""Interface of a geometry for meshing, and functions of its boxes."""
 
 from typing import Protocol, Self
 
@@ -15,7 +15,7 @@ Planes = tuple[Floats, Floats, Floats]
 
 
 class Moulded(Protocol):
-    """The half actuator as moulded, cut at its plane of symmetry y = 0: a block less boxes.
+    """The half actuator as moulded, cut at its plane of symmetry y = 0: a block minus boxes.
 
     x runs along the actuator from the clamped end, y across from the plane of symmetry, z up
     from the bottom. Positive bending is downwards.
@@ -23,15 +23,15 @@ class Moulded(Protocol):
 
     @property
     def dimensions(self) -> Mould:
-        """As moulded [mm]."""
+        """Dimensions as moulded [mm]."""
 
     @property
     def constraint(self) -> Constraint:
-        """The layer that does not stretch."""
+        """The inextensible layer."""
 
     @property
     def outer(self) -> Box:
-        """What is left of the block after erosion [mm]."""
+        """Remaining block after erosion [mm]."""
 
     @property
     def cavities(self) -> tuple[Box, ...]:
@@ -39,11 +39,11 @@ class Moulded(Protocol):
 
     @property
     def voids(self) -> tuple[Box, ...]:
-        """Boxes of air that is not under pressure [mm]."""
+        """Boxes of unpressurised air [mm]."""
 
     @property
     def exposed(self) -> tuple[Box, ...]:
-        """Those of the voids that lie open to what is outside [mm]."""
+        """The voids that are open to the outside [mm]."""
 
     @property
     def slab(self) -> tuple[Box, ...]:
@@ -51,7 +51,7 @@ class Moulded(Protocol):
 
     @property
     def rounded(self) -> RoundSection | None:
-        """The outline across the length, where it is round."""
+        """The outline across the length, if round."""
 
     @property
     def line_height(self) -> float:
@@ -62,39 +62,39 @@ class Moulded(Protocol):
         """Volume of the material of the whole actuator [mm³]."""
 
     def mesh_like(self, usual: Resolution) -> Resolution:
-        """Return the mesh that is to this actuator what a mesh is to the default pneunet."""
+        """Return the resolution equivalent to one of the default pneunet."""
 
     def planes(self) -> Planes:
-        """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
+        """Return the coordinates of all planes along x, y and z between bricks [mm]."""
 
     @property
     def is_boxes(self) -> bool:
-        """Whether it is a block less boxes; otherwise a mesh says what it is."""
+        """Whether it is a block minus boxes; otherwise a mesh defines it."""
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the actuator with thicker or thinner walls and faces eroded [–, mm]."""
 
     def record(self) -> dict[str, object]:
-        """Return all that a solution depends on, as it is written and hashed."""
+        """Return all that a solution depends on, as written and hashed."""
 
 
 def bottom_is_exposed(constraint: Constraint, mould: Mould) -> bool:
-    """Return whether no membrane covers the bottom; an elastomer there is exposed itself."""
+    """Return whether no membrane covers the bottom; an elastomer there is itself exposed."""
     return not (constraint.is_membrane and constraint.height_in(mould) == 0.0)
 
 
 def line_height(constraint: Constraint, mould: Mould, erosion: float) -> float:
     """Return the height of the plane along whose middle the curvature is read [mm].
 
-    That of the constraint layer. Where there is none it may lie on the bottom, and then moves with
-    a bottom that is eroded.
+    That of the constraint layer. Without one it may lie on the bottom, and then moves with an
+    eroded bottom.
     """
     height = constraint.height_in(mould)
     return height if constraint.is_there else max(height, erosion)
 
 
 def constraint_record(constraint: Constraint, mould: Mould) -> dict[str, object]:
-    """Return what a solution depends on of the constraint: paper and film are the same."""
+    """Return the constraint's data that a solution depends on: paper and film are equal."""
     plain: dict[str, object] = {
         "is_there": constraint.is_there,
         "height": constraint.height_in(mould),
@@ -104,7 +104,7 @@ def constraint_record(constraint: Constraint, mould: Mould) -> dict[str, object]
 
 
 def slab_of(constraint: Constraint, mould: Mould, outer: Box) -> tuple[Box, ...]:
-    """Return the box of a layer of elastomer within what is left of the block, if it is one.
+    """Return the box of an elastomer layer within the remaining block, if there is one.
 
     Examples
     --------
@@ -120,9 +120,9 @@ def slab_of(constraint: Constraint, mould: Mould, outer: Box) -> tuple[Box, ...]
 
 
 def block_left(mould: Mould, constraint: Constraint, erosion: float) -> Box:
-    """Return what erosion leaves of the half block: all outer faces but the clamped end move [mm].
+    """Return the eroded half block: all outer faces except the clamped end move [mm].
 
-    The bottom is one of them where no layer covers it.
+    The bottom moves too if no layer covers it.
     """
     bottom = erosion if bottom_is_exposed(constraint, mould) else 0.0
     return (
@@ -161,18 +161,16 @@ def planes_of(outer: Box, boxes: tuple[Box, ...], line_height: float) -> Planes:
 
 
 def change_problems(wall_factor: float, erosion: float) -> tuple[str, ...]:
-    """Say why no walls can be so changed [–, mm]; empty if they can."""
+    """Say why walls cannot be changed like this [–, mm]; empty if they can."""
     if wall_factor > 0.0 and erosion >= 0.0:
         return ()
-    return (
-        f"wall factor {wall_factor:g} and erosion {erosion:g} mm must be above 0 and not below 0",
-    )
+    return (f"wall factor {wall_factor:g} must be above 0, erosion {erosion:g} mm not negative",)
 
 
 def order_is_kept(before: tuple[Box, ...], after: tuple[Box, ...], least: float = 1e-9) -> bool:
-    """Return whether faces of boxes that were apart still are, in the same order along each axis.
+    """Return whether separate faces of boxes stay separate and ordered along each axis.
 
-    Only then bricks between them can be moved along.
+    Only then can the bricks between them be moved along.
 
     Examples
     --------
@@ -187,7 +185,7 @@ def order_is_kept(before: tuple[Box, ...], after: tuple[Box, ...], least: float 
 
 
 def volume_without(planes: Planes, boxes: tuple[Box, ...]) -> float:
-    """Return the volume between planes but for that in boxes whose faces are among them [mm³].
+    """Return the volume between planes outside boxes whose faces are among them [mm³].
 
     Examples
     --------

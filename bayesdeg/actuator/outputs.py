@@ -1,7 +1,7 @@
-"""What is read from an equilibrium: bend angle, arc length, cavity volume, stretch.
+"""Readings from an equilibrium: bend angle, arc length, cavity volume, stretch.
 
-Every reading comes with its rate along the path, and with its gradient by the nodes' positions,
-from which adjoint derivatives follow.
+Every reading comes with its rate along the path, and with its gradient with respect to nodal
+positions, used for adjoint derivatives.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stretches:
-    """The largest principal stretch at quadrature points, of all elements or of some points.
+    """The largest principal stretch at quadrature points, for all elements or selected points.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ def deformation_gradients(body: Body, displacement: Floats) -> Floats:
 
 
 _AT_REST = 1e-7
-"""Equivalent strain below which it has no derivative: it goes with the root of the energy."""
+"""Equivalent strain below which it has no derivative: it is proportional to the root of energy."""
 
 
 def equivalent_stretches(f: Floats, largest: Stretches) -> tuple[Stretches, Stretches]:
-    r"""Return the stretches of uniaxial tests that are as demanding, at every quadrature point.
+    r"""Return the equally demanding uniaxial stretches at every quadrature point.
 
     The first has the same energy in a material whose energy rises with the first invariant,
 
@@ -74,7 +74,7 @@ def equivalent_stretches(f: Floats, largest: Stretches) -> tuple[Stretches, Stre
     .. math:: λ^2 - 1/λ = \bar λ_1^2 - \bar λ_3^2,
 
     which times :math:`2 W'(\bar I_1)` is the largest Cauchy stress where the thinnest axis is free.
-    Bars are of the part without change of volume, :math:`J^{-1/3} F`.
+    Bars denote the isochoric part, :math:`J^{-1/3} F`.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def equivalent_stretches(f: Floats, largest: Stretches) -> tuple[Stretches, Stre
     whole = np.einsum("...ij,...ij->...", f, f)
     top = largest.value**2
     by_top = 2.0 * largest.value[..., None, None] * largest.slope
-    # the other two squares have the sum and the product that are left
+    # the other two squares follow from the remaining sum and product
     rest, product = whole - top, volume**2 / top
     root = np.sqrt(np.maximum(rest**2 - 4.0 * product, 0.0))
     by_rest = 2.0 * f - by_top
@@ -128,7 +128,7 @@ def _stretch_of_invariant(invariant: Floats) -> tuple[Floats, Floats]:
     return stretch, np.maximum(2.0 * stretch - 2.0 / stretch**2, _AT_REST)
 
 
-_NEWTON_STEPS = 8  # from above, where the function is convex: rounding is reached from λ = 8 on
+_NEWTON_STEPS = 8  # from above, where the function is convex: converges to rounding from λ = 8
 
 
 def _stretch_of_difference(difference: Floats) -> tuple[Floats, Floats]:
@@ -158,7 +158,7 @@ def largest_stretch(f: Floats, value: Floats) -> None:  # pragma: no cover - com
 def demands(
     f: Floats, value: Floats, energy: Floats, difference: Floats
 ) -> None:  # pragma: no cover - compiled
-    """Overwrite as `largest_stretch`, and with what `equivalent_stretches` rise with.
+    """Overwrite like `largest_stretch`, and with the invariants of `equivalent_stretches`.
 
     That is Ī₁ and λ̄₁² − λ̄₃²; the two squares but the largest have the sum I₁ − λ₁² and the
     product J²/λ₁².
@@ -234,7 +234,7 @@ def _longest_axis(c: Floats, d: Floats, axis: Floats) -> None:  # pragma: no cov
 
 
 def volume_quantile(stretch: Floats, weights: Floats, share: float) -> float:
-    """Return the stretch that a share of the volume stays below [–].
+    """Return the stretch below which a share of the volume stays [–].
 
     Between the quadrature points, ordered by stretch, the share grows linearly. Unlike the
     largest value, which is singular at re-entrant corners, a quantile converges with the mesh.
@@ -256,15 +256,15 @@ def volume_quantile(stretch: Floats, weights: Floats, share: float) -> float:
     return float((1.0 - part) * left + part * right)
 
 
-_SPARE = 2.0  # times as many points are ordered as lie beyond a quantile where volumes are alike
+_SPARE = 2.0  # factor of points sorted over those beyond a quantile for equal volumes
 
 
 def quantile_points(
     stretch: Floats, weights: Floats, share: float
 ) -> tuple[NDArray[np.int64], float]:
-    """Return the places of the two points next to a quantile, and the second's part.
+    """Return the indices of the two points next to a quantile, and the second's weight.
 
-    Only the most stretched points are put in order, as many as the quantile may lie among.
+    Only the most stretched points are sorted, as many as may contain the quantile.
     """
     values, volumes = stretch.ravel(), weights.ravel()
     wanted, count = share * float(volumes.sum()), len(values)
@@ -283,20 +283,20 @@ def quantile_points(
     return top[[right - 1, right]], float(np.clip(part, 0.0, 1.0))
 
 
-WINDOW = 2.0  # volumes beyond a stretch, over those beyond the quantile, that its derivative is of
-_FEWEST = 20  # points, of which a parabola through fewer follows each
-_ALIKE = 1e-9  # stretches that differ less are those of a body at rest
+WINDOW = 2.0  # largest ratio of volumes beyond the quantile and a point of its derivative
+_FEWEST = 20  # points: a parabola through fewer follows each of them
+_ALIKE = 1e-9  # stretches that differ less are of a body at rest
 
 
 def window_points(
     stretch: Floats, weights: Floats, share: float
 ) -> tuple[NDArray[np.int64], Floats] | None:
-    r"""Return the points by which a quantile's derivative is smooth, and the part of each.
+    r"""Return the points that give a smooth derivative of a quantile, and their weights.
 
-    The derivative of the quantile q of a smooth field λ is the mean of the field's own where it has
-    that value, :math:`\partial q = E[\partial \lambda \mid \lambda = q]`. Of two quadrature points
-    it jumps whenever others come next to the quantile. So a parabola is fitted by least squares to
-    the derivatives of the points near by; what it gives at the quantile is a sum over them,
+    The derivative of the quantile q of a smooth field λ is the mean derivative of the field where
+    it has that value, :math:`\partial q = E[\partial \lambda \mid \lambda = q]`. From two
+    quadrature points it jumps when others become next to the quantile. So a parabola is fitted by
+    least squares to the derivatives of nearby points; its value at the quantile is a sum over them,
 
     .. math:: \partial q \approx \sum_i c_i \, \partial \lambda_i, \quad
         c = e_1^T (X^T W X)^{-1} X^T W, \quad x_i = (1, u_i, u_i^2), \quad
@@ -315,7 +315,7 @@ def window_points(
     Returns
     -------
     places, parts : arrays, shape (n,)
-        None of fewer than twenty points, and at rest, where all are alike.
+        Empty for fewer than twenty points, and at rest, where all are equal.
 
     Examples
     --------
@@ -343,7 +343,7 @@ def window_points(
 
 @dataclass(frozen=True)
 class RelativeStrains:
-    """Strains ε = λ − 1 over the largest, of which Weibull's strain is made for any modulus.
+    """Strains ε = λ − 1 over the largest, for Weibull's strain of any modulus.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ class RelativeStrains:
 
     @classmethod
     def of(cls, stretch: Floats, weights: Floats) -> "RelativeStrains":
-        """Return those of stretches at quadrature points of these volumes."""
+        """Return relative strains from stretches and volumes of quadrature points."""
         strain = np.maximum(stretch - 1.0, 0.0)
         largest = float(strain.max())
         if largest < _SMALLEST_STRAIN:
@@ -372,12 +372,12 @@ class RelativeStrains:
 
     def weibull(self, modulus: float) -> float:
         """Return (1/V ∫ ε^m dV)^(1/m) [–]."""
-        # relative to the largest, lest high powers of small strains vanish
+        # relative to the largest, so that high powers of small strains do not vanish
         mean = float(np.sum(self.shares * np.exp(modulus * self.logarithm)))
         return float(self.largest * mean ** (1.0 / modulus))
 
     def slope(self, modulus: float, value: float) -> Floats:
-        """Return the derivative of that value by the stretch of every point."""
+        """Return the derivative of Weibull's strain by the stretch of every point."""
         if value == 0.0:
             return np.zeros_like(self.shares)
         over_value = self.logarithm + np.log(self.largest / value)
@@ -422,14 +422,14 @@ def weibull_integral(stretch: Floats, weights: Floats, modulus: float) -> float:
 
 @dataclass(frozen=True)
 class StrainReading:
-    """One number that is read of the field of stretch, and how it changes with the deformation.
+    """One reading of the stretch field, with its derivative by the deformation.
 
     Parameters
     ----------
     value : float
         [–].
     elements : array, shape (n,)
-        Those that it depends on.
+        Elements on which it depends.
     push : array, shape (n, n_points, 3, 3)
         Its derivative by the deformation gradient at their quadrature points [–].
     """
@@ -439,22 +439,22 @@ class StrainReading:
     push: Floats
 
     def rate(self, change: Floats) -> float:
-        """Return its change with that of the deformation gradient, (n_elements, n_points, 3, 3)."""
+        """Return its rate for a rate of the deformation gradient, (n_elements, n_points, 3, 3)."""
         return float(np.vdot(self.push, change[self.elements]))
 
     def gradient(self, body: Body) -> Floats:
-        """Return its derivative by the nodes' positions, (n_nodes, 3) [1/mm]."""
+        """Return its derivative with respect to nodal positions, (n_nodes, 3) [1/mm]."""
         gradient = np.zeros_like(body.nodes)
         kernels.add_pull(self.push, self.elements, body.elements, body.gradients, gradient)
         return gradient
 
 
-PEAK_SHARE = 0.99  # share of the volume that is stretched less than the peak stretch
+PEAK_SHARE = 0.99  # share of the volume stretched less than the peak stretch
 OUTPUTS = ("bend_angle", "arc_length", "cavity_volume", "peak_stretch", *MEASURES)
 PEAK = OUTPUTS.index("peak_stretch")
 COLUMNS = [OUTPUTS.index(name) for name in MEASURES]
 _UNDEFORMED = np.array([float("stretch" in name) for name in MEASURES])
-"""What is taken off a reading for a strain: stretches are read, and strains."""
+"""Offset from reading to strain: some readings are stretches, others strains."""
 
 
 def measured_strains(readings: Floats) -> Floats:
@@ -465,16 +465,16 @@ def measured_strains(readings: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Reading:
-    """What is read of one equilibrium at moulded size.
+    """Readings of one equilibrium at moulded size.
 
     Parameters
     ----------
     values : array, shape (n_outputs,)
-        In the order of ``OUTPUTS``: rotation of the free end face towards the paper [rad];
-        deformed length of the bottom line [mm]; volume of the cavity of the half model [mm³];
-        largest principal stretch that 99 % of the volume stays below [–]; for each modulus m the
-        strain (1/V ∫ ε^m dV)^(1/m), ε the largest principal strain λ − 1 [–]; and what 99 % of the
-        volume stays below of the stretches of `equivalent_stretches` [–].
+        In the order of ``OUTPUTS``: rotation of the free end face towards the paper [rad]; deformed
+        length of the bottom line [mm]; volume of the cavity of the half model [mm³]; 99 % quantile
+        over the volume of the largest principal stretch [–]; for each modulus m the strain (1/V ∫
+        ε^m dV)^(1/m), ε the largest principal strain λ − 1 [–]; and the 99 % quantiles of the
+        stretches of `equivalent_stretches` [–].
     rates : array, shape (n_outputs,)
         Their derivatives by the load, along the path.
     """
@@ -499,7 +499,7 @@ class Reading:
 
     @property
     def peak_stretch(self) -> float:
-        """Largest principal stretch that 99 % of the volume stays below [–]."""
+        """99 % quantile over the volume of the largest principal stretch [–]."""
         return float(self.values[3])
 
 
@@ -510,9 +510,9 @@ def read_state(
     rate: MechanicalState | None = None,
     previous_angle: float = 0.0,
 ) -> Reading:
-    """Return what is read of an equilibrium.
+    """Return the readings of an equilibrium.
 
-    The bend angle is that of the rotation which fits the free end face best in the bending plane:
+    The bend angle is that of the best-fit rotation of the free end face in the bending plane:
     θ = atan2(∫ Z' x dA, ∫ Z' z dA), with Z' the height over the face's centroid as moulded and
     (x, z) the deformed position. It is exact for a rigid rotation.
 
@@ -547,10 +547,10 @@ def read_with_gradients(
     previous_angle: float = 0.0,
     is_smooth: bool = False,
 ) -> tuple[Floats, Floats]:
-    """Return all readings, (n_outputs,), and their derivatives by the nodes' positions.
+    """Return all readings, (n_outputs,), and their derivatives by nodal positions.
 
-    The derivatives have the shape (n_outputs, n_nodes, 3). Those of what 99 % of the volume stays
-    below are exact, and jump along a path; or smooth, by `window_points`.
+    The derivatives have the shape (n_outputs, n_nodes, 3). Those of 99 % quantiles are either
+    exact, with jumps along a path, or smooth, by `window_points`.
     """
     lines = _line_readings(mesh, mesh.body.nodes + state.displacement, previous_angle)
     strains = _strain_readings(mesh.body, state, is_smooth=is_smooth)
@@ -562,7 +562,7 @@ def read_with_gradients(
 def _line_readings(
     mesh: ActuatorMesh, placed: Floats, previous_angle: float
 ) -> list[tuple[float, Floats]]:
-    """Angle, arc length and volume, with their gradients by the nodes' positions."""
+    """Return angle, arc length and volume, with their gradients by nodal positions."""
     return [
         face_rotation(mesh.body, mesh.free_end, placed, previous_angle),
         _arc_length(mesh, placed),
@@ -573,7 +573,7 @@ def _line_readings(
 def _strain_readings(
     body: Body, state: MechanicalState, *, is_smooth: bool = False
 ) -> list[StrainReading]:
-    """Measures of stretch, in the order of ``OUTPUTS``, with their derivatives."""
+    """Return measures of stretch, in the order of ``OUTPUTS``, with derivatives."""
     fields = StrainFields.of(body, state)
     every = np.arange(len(body.elements))
     peak, energy, difference = fields.quantiles(is_smooth=is_smooth)
@@ -594,7 +594,7 @@ def _strain_readings(
 
 
 def _strain_values(body: Body, state: MechanicalState) -> list[float]:
-    """Measures of stretch alone, in the order of ``OUTPUTS``."""
+    """Return measures of stretch only, in the order of ``OUTPUTS``."""
     fields = StrainFields.of(body, state)
     peak, energy, difference = (reading.value for reading in fields.quantiles())
     return [peak, *(fields.relative.weibull(m) for m in WEIBULL_MODULI), energy, difference]
@@ -602,7 +602,7 @@ def _strain_values(body: Body, state: MechanicalState) -> list[float]:
 
 @dataclass(frozen=True)
 class StrainFields:
-    """What the measures of stretch are made of, at every quadrature point.
+    """Fields behind the measures of stretch, at every quadrature point.
 
     Parameters
     ----------
@@ -635,7 +635,7 @@ class StrainFields:
         return cls(body, state.displacement, Stretches(value, f), energy, difference, relative)
 
     def quantiles(self, *, is_smooth: bool = False) -> list[StrainReading]:
-        """Return what 99 % of the volume stays below: of λ, and of both equivalent stretches."""
+        """Return the 99 % quantiles of λ and of both equivalent stretches."""
         found = []
         for field, stretches in (
             (self.largest.value, lambda _, here: here),
@@ -655,7 +655,7 @@ class StrainFields:
         parts: Floats,
         stretches: Callable[[Floats, Stretches], Stretches],
     ) -> StrainReading:
-        """Return a sum over some quadrature points, so that only theirs are evaluated."""
+        """Return a weighted sum over selected quadrature points."""
         body, largest = self.body, self.largest
         elements, points = np.unravel_index(places, largest.value.shape)
         each = np.arange(len(places))
@@ -671,10 +671,10 @@ class StrainFields:
 def read_bottom_line(
     mesh: ActuatorMesh, state: MechanicalState, operator: Operator = "angle_over_arc"
 ) -> Bend:
-    """Return what an operator reads of the bottom line's nodes, as of points in a picture.
+    """Return an operator's reading of the bottom line's nodes, as for points in a picture.
 
-    The same function reads both, `bayesdeg.actuator.line.read_line`; no use is made of the free
-    end face, from which `Reading.bend_angle` comes.
+    The same function reads both, `bayesdeg.actuator.line.read_line`; the free end face, used by
+    `Reading.bend_angle`, is not used.
     """
     line = (mesh.body.nodes + state.displacement)[mesh.bottom_line]
     return read_line(line[:, (0, 2)], operator)
@@ -683,7 +683,7 @@ def read_bottom_line(
 def face_rotation(
     body: Body, faces: NDArray[np.int64], placed: Floats, previous: float
 ) -> tuple[float, Floats]:
-    """Return the angle by which an end face turned [rad] and its gradient, (n_nodes, 3) [rad/mm].
+    """Return the rotation angle of an end face [rad] and its gradient, (n_nodes, 3) [rad/mm].
 
     The equation is that of `read_state`.
 
@@ -696,7 +696,7 @@ def face_rotation(
     placed : array, shape (n_nodes, 3)
         Positions of all nodes [mm].
     previous : float
-        Angle whose branch is wanted [rad].
+        Angle that selects the branch [rad].
     """
     element = body.element
     shapes, first, second, weights = kernels.face_shapes(element.order, triangle=element.triangular)

@@ -1,4 +1,4 @@
-"""The paper on the bottom or inside, compiled: a membrane that may be slack, and its bending.
+"""The paper on the bottom or inside, compiled: a possibly slack membrane with bending stiffness.
 
 The energy of a plate that bends without stretching is ½ D ∫ |∇∇x|² dX, quadratic in the positions
 and unchanged by rotations. The plane's nodes stand in a rectangular grid, so second derivatives
@@ -35,7 +35,7 @@ def membrane(
 
     W = k Ψ(q), k = Et/(1 − ν²), q² = (1 − ν) E : E + ν (tr E)², with E the Green strain in the
     plane, measured from a paper that is longer by ``mismatch``. Without slack Ψ = q²/2: St.
-    Venant–Kirchhoff. With slack s, Ψ = q²/2 − s² ln cosh(q/s): next to nothing is carried at
+    Venant–Kirchhoff. With slack s, Ψ = q²/2 − s² ln cosh(q/s): hardly any load is carried at
     strains below s, and the full stiffness far beyond.
 
     Parameters
@@ -233,8 +233,8 @@ def bending_matrix(body: Body) -> sp.coo_array:
 
     Where the body is clamped, so is the paper; where it is cut at a plane of symmetry y = 0,
     the other half follows. Triangles stand in no grid: on sides of tetrahedra the paper has no
-    stiffness against bending, and the matrix is zero; what that leaves out grows almost with the
-    square of the thickness at the same E t, and `bayesdeg.data.plausibility` says where it counts.
+    the other half follows. Triangles form no grid: on sides of tetrahedra the paper has no bending
+    stiffness, and the matrix is zero; the resulting error grows almost with the
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ Places = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class MechanicalState:
-    """An equilibrium, or a guess of one.
+    """An equilibrium, or an approximation of one.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class System:
     Parameters
     ----------
     body : Body
-        What is held, pressed and papered.
+        Body with its fixed, pressurised and papered faces.
 
     Attributes
     ----------
@@ -71,11 +71,11 @@ class System:
     upper : scipy.sparse.csr_array
         Pattern of the upper triangle of the tangent.
     solid_at, cavity_at, paper_at : array of int
-        Where entries of elements and faces stand in its data.
+        Positions of entries of elements and faces in its data.
     bending : scipy.sparse.csr_array
         Hessian of the paper's bending for a unit stiffness, on all degrees of freedom.
     bending_at, bending_values : array
-        Where its entries stand in the data, and what they are.
+        Positions of its entries in the data, and their values.
     inverse_mass : array, shape (n_elements, n_modes, n_modes)
         Inverse of ∫ modesᵀ modes dV.
     volumes : array, shape (n_nodes,)
@@ -104,7 +104,7 @@ class System:
         )
 
     def with_body(self, body: Body) -> Self:
-        """Return this system for a body of the same bricks in other places: numbering is shared."""
+        """Return this system for a body of the same bricks with moved nodes, sharing numbering."""
         other = copy(self)
         other.body = body
         other._measure(body)
@@ -125,7 +125,7 @@ class System:
         return MechanicalState(np.zeros_like(body.nodes), pressure, load=0.0)
 
     def places_of(self, faces: Indices) -> Places:
-        """Return where the entries of faces stand in the pattern's data; −1 below the diagonal.
+        """Return positions of the entries of faces in the pattern's data; −1 below the diagonal.
 
         Degrees of freedom are ordered node by node: (n_faces, 3 n, 3 n) for faces of n nodes.
         """
@@ -163,7 +163,7 @@ def _kept(bending: sp.coo_array, equation: Indices) -> NDArray[np.bool_]:
 def _pattern(
     equation: Indices, elements: Indices, bending: sp.coo_array
 ) -> tuple[sp.csr_array, Places, tuple[Places, Floats]]:
-    """Pattern of the upper triangle; where entries of elements and of the bending stand in it."""
+    """Return the upper triangle's pattern, and positions of element and bending entries in it."""
     count = int(equation.max()) + 1
     local = equation[_degrees(elements)]
     first, second = stored_pairs(elements.shape[1])
@@ -188,7 +188,7 @@ def _from_keys(keys: Indices, count: int) -> sp.csr_array:
 
 
 def _positions(equation: Indices, faces: Indices, upper: sp.csr_array) -> Places:
-    """Where entries of faces stand: their nodes all belong to one element, so they exist."""
+    """Return positions of entries of faces; they exist, as a face's nodes belong to one element."""
     degrees = (3 * faces[:, :, None] + np.arange(3)).reshape(len(faces), 3 * faces.shape[1])
     local, count = equation[degrees], upper.shape[0]
     keys = np.repeat(np.arange(count), np.diff(upper.indptr)) * count + upper.indices
@@ -208,8 +208,8 @@ class Linearisation(NamedTuple):
 
     ``residual`` is that of the free unknowns with the pressure condensed, ``tangent`` the data
     of the upper triangle, ``force`` the uncondensed residual on all degrees of freedom.
-    ``coupling`` is B, ∫ q cof F : ∇u, as the problem that made it keeps it. Where no tangent was
-    asked for, the first two and the couplings are empty.
+    ``coupling`` is B, ∫ q cof F : ∇u, in the format of the problem that made it. If no tangent was
+    requested, the first two and the couplings are empty.
     """
 
     residual: Floats
@@ -222,7 +222,7 @@ class Linearisation(NamedTuple):
 
 
 class DiscreteEquations(Protocol):
-    """What the load path needs: kernels and scikit-fem assemble the same equations."""
+    """Interface for the load path: kernels and scikit-fem assemble the same equations."""
 
     @property
     def system(self) -> System:
@@ -234,10 +234,10 @@ class DiscreteEquations(Protocol):
 
     @property
     def has_dead_load(self) -> bool:
-        """Whether anything acts at zero pressure."""
+        """Whether any load acts at zero pressure."""
 
     def with_share(self, share: float) -> Self:
-        """Return the equations with another share of the dead loads."""
+        """Return the equations with a different share of the dead loads."""
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
         """Return residual and tangent at a state."""
@@ -245,7 +245,7 @@ class DiscreteEquations(Protocol):
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent times directions."""
+        """Return the mixed problem's tangent applied to directions."""
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
         """Return a residual on the free unknowns, its volume equation eliminated."""
@@ -278,13 +278,13 @@ class Problem:
     material : MaterialGroups
         In units of C1.
     nodal_force : array, shape (n_nodes, 3), optional
-        Dead forces beside gravity [C1 mm²].
+        Dead forces besides gravity [C1 mm²].
     share : float
         Share of the dead loads and of the paper's mismatch that acts [–].
     layer : LayerGroups, optional
         Material of the bricks of the body's layer.
     local : array, shape (n_elements, n_points, 4), optional
-        C1, C2, C3 and r at every quadrature point, where they are not those of the groups [C1].
+        C1, C2, C3 and r at every quadrature point, if they differ from those of the groups [C1].
     """
 
     system: System
@@ -305,12 +305,12 @@ class Problem:
         object.__setattr__(self, "_form", kernels.volume_form(order, triangle=triangle))
 
     def with_share(self, share: float) -> Self:
-        """Return the problem with another share of its dead loads."""
+        """Return the problem with a different share of its dead loads."""
         return replace(self, share=share)
 
     @property
     def has_dead_load(self) -> bool:
-        """Whether anything acts at zero pressure."""
+        """Whether any load acts at zero pressure."""
         return bool(np.any(self.dead_force)) or self.material.paper_mismatch != 0.0
 
     @cached_property
@@ -344,7 +344,7 @@ class Problem:
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
         """Return residual and tangent at a state.
 
-        The residual is the internal force less the loads', with the volume equation condensed
+        The residual is the internal force minus the loads', with the volume equation condensed
         element by element; the tangent is symmetric since the cavity is closed. Without it the
         equations are only evaluated: neither couplings nor a condensed residual.
         """
@@ -404,7 +404,7 @@ class Problem:
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent times directions, nothing assembled.
+        """Return the mixed problem's tangent applied to directions, without assembly.
 
         Returns
         -------
@@ -528,7 +528,7 @@ class Problem:
 
 
 def _own_entries(faces: Indices) -> tuple[Places, Floats]:
-    """Return places and room for a tangent of each face's own."""
+    """Return positions and storage for a separate tangent of each face."""
     size = 3 * faces.shape[1]
     places = np.arange(len(faces) * size * size, dtype=np.int32).reshape(len(faces), size, size)
     return places, np.zeros(places.size)

@@ -1,15 +1,15 @@
-r"""Forward maps that predict the reading of a stated operator.
+r"""Forward maps that predict readings by a stated operator.
 
-Maps answer the contract's curvature, the bend angle of the end faces over the arc length. What
-another operator reads of the same shape is a ratio to it, since shapes are similar: with θ the bend
-angle and g = E t/(C1 s) the paper's group,
+Maps predict the contract's curvature, the bend angle of the end faces over the arc length. Any
+other operator's reading of the same shape is a ratio to it, since shapes are similar: with θ the
+bend angle and g = E t/(C1 s) the paper's group,
 
 .. math:: \ln \frac{\kappa_\text{op}}{\kappa} = \sum_{i + j \le 3} a_{ij} \theta^i \ln^j g .
 
-Where the bend angle was read of the same points, its ratio to the rotation of the end faces has
-the same form. A ratio is fitted to bottom lines of finite element curves of the default actuator,
-sampled at as many even points as were read; by how much curves that were left out of the fit miss
-it is added to the standard error of the map.
+If the bend angle was read from the same points, its ratio to the rotation of the end faces has the
+same form. Ratios are fitted to bottom lines of finite element curves of the default actuator,
+sampled at as many evenly spaced points as were read; the error on curves left out of the fit is
+added to the standard error of the map.
 """
 
 from dataclasses import dataclass, replace
@@ -35,19 +35,19 @@ Floats = NDArray[np.float64]
 LINES = "lines.npz"
 _ORDER = 3
 _POWERS = tuple((i, j) for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i))
-_USUAL_GROUP = 50.0  # [mm], by which the paper's group is made a number near 1
+_USUAL_GROUP = 50.0  # [mm], scales the paper's group to about 1
 
 
 @dataclass(frozen=True)
 class BottomLines:
     """Bottom lines of finite element curves of the default actuator.
 
-    ``python benchmarks/bottom_lines.py`` makes those that ship.
+    ``python benchmarks/bottom_lines.py`` generates the shipped ones.
 
     Parameters
     ----------
     curve : array of int, shape (n,)
-        Which curve each line is of.
+        Curve of each line.
     bend_angle, arc_length, paper_group : array, shape (n,)
         Rotation of the free end face [rad], length of the line [mm], E t/(C1 s) [mm].
     points : array, shape (n, n_nodes, 2)
@@ -63,7 +63,7 @@ class BottomLines:
 
 @cache
 def bottom_lines() -> BottomLines:
-    """Return the lines that ship with the package.
+    """Return the lines shipped with the package.
 
     Examples
     --------
@@ -76,17 +76,17 @@ def bottom_lines() -> BottomLines:
 
 @dataclass(frozen=True)
 class OperatorRatio:
-    """What an operator reads over the contract's curvature, or bend angle.
+    """An operator's reading over the contract's curvature, or bend angle.
 
     Parameters
     ----------
     coefficients : array, shape (10,)
-        Of ln ratio.
+        Coefficients of ln ratio.
     sd : float
-        Root mean square of what curves left out of the fit miss [–]; of Kappa, with that of where
-        its control points are set.
+        Root mean square error on curves left out of the fit [–]; for Kappa, plus that of where its
+        control points are set.
     largest_angle : float
-        Of the lines [rad]; beyond it the ratio is that at this angle.
+        Largest angle of the lines [rad]; beyond it the ratio is constant.
     """
 
     coefficients: Floats
@@ -94,7 +94,7 @@ class OperatorRatio:
     largest_angle: float
 
     def __call__(self, angle: Floats, paper_group: Floats) -> tuple[Floats, Floats]:
-        """Return the ratio and its derivative by the angle [rad], which broadcast."""
+        """Return the ratio and its derivative with respect to the angle [rad], broadcast."""
         inside = np.clip(np.abs(angle), 0.0, self.largest_angle)
         group = np.log(paper_group / _USUAL_GROUP)
         terms = zip(self.coefficients, _POWERS, strict=True)
@@ -109,7 +109,7 @@ class OperatorRatio:
 
 @cache
 def operator_ratio(operator: Operator, points: int, *, of_angle: bool = False) -> OperatorRatio:
-    """Fit the ratio of an operator that reads so many even points: of curvature, or of the angle.
+    """Fit the ratio of an operator with a number of points: of curvature, or of the angle.
 
     Examples
     --------
@@ -136,14 +136,14 @@ def operator_ratio(operator: Operator, points: int, *, of_angle: bool = False) -
 
 
 _SET_BY_HAND = 0.03
-"""Standard deviation of what Kappa reads with control points set 15 % of their distance from even
-places along the line and 0.5 mm off it, 5 to 8 of them: 2.0 to 3.4 %."""
+"""Standard deviation of Kappa's reading when control points are displaced by 15 % of their spacing
+along the line and 0.5 mm across it, for 5 to 8 of them: 2.0 to 3.4 %."""
 
 
 def read_shape(line: Floats, operator: Operator, points: int) -> Bend:
-    """Return what an operator reads of a whole line, of which it is given so many even points.
+    """Return an operator's reading of a whole line, given as evenly spaced points.
 
-    Kappa is given all of it, and the number is that of its control points.
+    Kappa gets the whole line, and the number is that of its control points.
 
     Examples
     --------
@@ -157,11 +157,11 @@ def read_shape(line: Floats, operator: Operator, points: int) -> Bend:
     return read_line(evenly(line, points), operator)
 
 
-_PIXELS = 400  # of a line in a photograph; twice as many change what Kappa reads by 0.6 % at most
+_PIXELS = 400  # of a line in a photograph; twice as many change Kappa's reading by at most 0.6 %
 
 
 def evenly(line: Floats, count: int) -> Floats:
-    """Return so many even points of the cubic spline through a line, (count, 2) [mm].
+    """Return evenly spaced points of the cubic spline through a line, (count, 2) [mm].
 
     Examples
     --------
@@ -176,24 +176,24 @@ def evenly(line: Floats, count: int) -> Floats:
 def line_of_reading(
     angle: float, length: float, paper_group: float, operator: Operator, points: int
 ) -> Floats:
-    r"""Return the model's bottom line of which an operator reads this bend angle, (n, 2) [mm].
+    r"""Return the model's bottom line that gives an operator's bend angle, (n, 2) [mm].
 
     Shapes are similar: with θ the rotation of the end face, l the logarithm of the paper's group
     and φ(s) the direction along the line, φ/θ is fitted at every s by a polynomial of second order
-    in θ and l, to the finite element lines that ship.
+    in θ and l, to the shipped finite element lines.
 
     Parameters
     ----------
     angle : float
-        As the operator reads it of so many even points [rad].
+        Bend angle as the operator reads it [rad].
     length : float
-        Of the line [mm].
+        Length of the line [mm].
     paper_group : float
         E t/(C1 s) [mm].
     operator : str
-        Of `bayesdeg.actuator.line.OPERATORS`.
+        One of `bayesdeg.actuator.line.OPERATORS`.
     points : int
-        How many points it reads.
+        Number of points that it reads.
 
     Examples
     --------
@@ -215,7 +215,7 @@ _TRIES, _CLOSE = 30, 1e-6
 
 
 def _line_turned(turned: float, length: float, paper_group: float) -> Floats:
-    """Return a line whose end face is turned by so much [rad]."""
+    """Return a line whose end face is rotated by ``turned`` [rad]."""
     terms = _shape_terms(np.array([turned]), np.array([paper_group]))
     headings = turned * (terms @ _shape_coefficients())[0]
     steps = length / len(headings) * np.column_stack([np.cos(headings), -np.sin(headings)])
@@ -241,18 +241,18 @@ def _shape_coefficients() -> Floats:
 
 @dataclass(frozen=True)
 class ReadByOperator:
-    """A forward map whose curvature is that which an operator reads of points on the bottom line.
+    """A forward map whose curvature is an operator's reading of points on the bottom line.
 
     Parameters
     ----------
     mechanics : ForwardMap
-        Answers the contract's curvature of the default actuator.
+        Predicts the contract's curvature of the default actuator.
     operator : str
-        Of `bayesdeg.actuator.line.OPERATORS`; ``angle_over_arc`` is that from points alone.
+        Of `bayesdeg.actuator.line.OPERATORS`; ``angle_over_arc`` from points alone.
     points : int
-        How many points, evenly along the line.
+        Number of evenly spaced points along the line.
     with_angle : bool
-        Whether the bend angle is what the operator reads of them too, not that of the end faces.
+        Whether the bend angle is also the operator's reading, not that of the end faces.
     """
 
     mechanics: ForwardMap
@@ -261,7 +261,7 @@ class ReadByOperator:
     with_angle: bool = False
 
     def __call__(self, inputs: Inputs) -> Prediction:
-        """Return the prediction of the mechanics with the curvature as it is read."""
+        """Return the prediction of the mechanics with the curvature as read."""
         if inputs.reference_pressure is not None:
             return relative_to_reference(self, inputs)
         found, ratio = self.mechanics(inputs), operator_ratio(self.operator, self.points)
@@ -287,17 +287,17 @@ class ReadByOperator:
         )
 
     def continued(self, inputs: Inputs) -> Prediction:
-        """Return the same of the map's continuation beyond its range."""
+        """Return the same for the extrapolating map."""
         return replace(self, mechanics=continuation(self.mechanics))(inputs)
 
 
 def as_read(
     forward: ForwardMap, operator: Operator | None, points: int, *, of_line: bool = False
 ) -> ForwardMap:
-    """Return the map that predicts the reading of the operator that a study states, if it does.
+    """Return the map that predicts readings by the operator stated in a study, if any.
 
-    Of the contract's curvature that is the map itself, unless curvature and angle were both read
-    ``of_line``, of nothing but points.
+    For the contract's curvature this is the map itself, unless curvature and angle were both read
+    ``of_line``, from points alone.
 
     Examples
     --------
@@ -315,5 +315,5 @@ def as_read(
 
 
 def mechanics_of(forward: ForwardMap | None) -> ForwardMap | None:
-    """Return the map of the mechanics alone, whatever reads its answers."""
+    """Return the map of the mechanics alone, without a reading operator."""
     return forward.mechanics if isinstance(forward, ReadByOperator) else forward

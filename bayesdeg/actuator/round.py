@@ -1,4 +1,4 @@
-"""A round section, bent from a block of bricks: a core that stays as it is, and a ring about it."""
+"""A round section, bent from a block of bricks: an unchanged core and a ring around it."""
 
 from dataclasses import dataclass
 from math import atan2, hypot, pi, sqrt
@@ -11,8 +11,8 @@ from bayesdeg.data.families import CylindricalDimensions
 
 Floats = NDArray[np.float64]
 
-# the core reaches half way to the outline and not further than three quarters, unless channels do;
-# over and beside them it leaves room for walls that are thicker or thinner
+# the core reaches half way to the outline, and at most three quarters unless channels reach
+# further; around them it leaves room for changed walls
 HALF_WAY, FARTHEST, ROOM_OVER, ROOM_BESIDE = 0.5, 0.75, 0.3, 0.1
 
 
@@ -29,7 +29,7 @@ def core_of(d: CylindricalDimensions) -> Core:
     Parameters
     ----------
     d : CylindricalDimensions
-        As moulded; channels lie inside the ellipse.
+        Dimensions as moulded; channels lie inside the ellipse.
 
     Examples
     --------
@@ -60,22 +60,22 @@ def core_of(d: CylindricalDimensions) -> Core:
 
 @dataclass(frozen=True)
 class RoundSection:
-    """An ellipse whose quarter planes are bent from a rectangle twice as large as its core.
+    """An ellipse bent from a rectangle twice as large as its core.
 
-    In the rectangle the ring is what lies between the core and its image at twice the distance
-    from the axis. A ray through the axis crosses the core's edge at P and the outer edge at 2 P;
-    what lies between goes to the straight line from P to a point of the ellipse, evenly.
+    In the rectangle the ring lies between the core and its image at twice the distance from the
+    axis. A ray through the axis crosses the core's edge at P and the outer edge at 2 P; the segment
+    between them maps linearly to the line from P to a point of the ellipse.
 
     Parameters
     ----------
     half_width, half_height : float
         Of the ellipse [mm].
     core : Core
-        What stays as it is.
+        The unchanged core.
     axis : float
-        Height of the axis over the bottom of the mould [mm].
+        Height of the axis above the bottom of the mould [mm].
     levels : tuple of float
-        Heights over the axis of planes that stay plane, rising, within the core [mm].
+        Heights above the axis of planes that stay plane, increasing, within the core [mm].
 
     Examples
     --------
@@ -109,7 +109,7 @@ class RoundSection:
         return inside
 
     def bent(self, nodes: Floats) -> Floats:
-        """Return where nodes of the rectangle go, (n, 3) [mm]."""
+        """Map nodes of the rectangle to the section, (n, 3) [mm]."""
         y, z = nodes[:, 1], nodes[:, 2] - self.axis
         size = np.maximum(y / self.core.across, np.abs(z) / self.core.up)
         ring = size > 1.0
@@ -136,7 +136,7 @@ class RoundSection:
         return angle
 
     def depth(self, points: Floats) -> Floats:
-        """Return the distance of points (…, 3) from the outline, to first order from it [mm].
+        """Return the distance of points (…, 3) from the outline, to first order [mm].
 
         d = (1 − q)/|∇q| with q = (y/a)² + (z/b)²; deep inside it is too large.
         """

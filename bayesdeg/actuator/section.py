@@ -1,4 +1,4 @@
-"""What an actuator is, in words and in characters: for a terminal, before anything is solved."""
+"""Describe an actuator in words and characters, for a terminal, before solving anything."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 MATERIAL, PRESSED, OPEN, LAYER, OUTSIDE = "#", " ", "o", "=", "-"
 COLUMNS, ACROSS = 76, 40
 CELL = 2.0  # height over width of a character
-ON_FACE = 1e-9  # share of a tetrahedron's size: places on its faces are in it
+ON_FACE = 1e-9  # share of a tetrahedron's size: points on its faces count as inside
 
 
 def air_volume(geometry: Moulded) -> float:
@@ -34,7 +34,7 @@ def air_volume(geometry: Moulded) -> float:
 
 
 def described(geometry: Moulded) -> str:
-    """Say what an actuator is: family, dimensions, layer and volumes.
+    """Describe an actuator: family, dimensions, layer and volumes.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def described(geometry: Moulded) -> str:
 def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     """Draw the section along the middle of an actuator, the clamped end on the left.
 
-    Material is ``#``, air under pressure blank, other air ``o``, the constraint layer ``=``; of a
+    Material is ``#``, air under pressure blank, other air ``o``, the constraint layer ``=``; for a
     meshed part all air is blank.
 
     Parameters
@@ -68,7 +68,7 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     geometry : Moulded
         Of any family.
     columns : int
-        Characters for the length.
+        Number of characters for the length.
 
     Examples
     --------
@@ -106,15 +106,15 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
 
 
 def _of_cells(geometry: PartGeometry, columns: int) -> str:
-    """Draw the cells of a part that its middle plane cuts, or touches where it ends there.
+    """Draw the cells of a part cut by its middle plane, or touching it.
 
-    A character is material where it lies in the rectangle about the section of a brick, or in a
+    A character is material if it lies in the bounding rectangle of a brick's section, or in a
     tetrahedron.
     """
     part = geometry.part
     corners = part.points[part.cells]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    middle = 1e-3 * float(part.size[1])  # beside the plane, in which faces may lie
+    middle = 1e-3 * float(part.size[1])  # slightly off the plane, as faces may lie in it
     cut = (low[:, 1] <= middle) & (high[:, 1] >= middle)
     length, top = float(part.size[0]), float(part.size[2])
     rows = max(2, round(top / length * columns / CELL))
@@ -132,7 +132,7 @@ def _of_cells(geometry: PartGeometry, columns: int) -> str:
 
 
 def _in_tetrahedron(corners: Floats, x: Floats, y: float, z: Floats) -> Bools:
-    """Return which places lie in a tetrahedron: no coordinate by its corners is below 0."""
+    """Return which points lie in a tetrahedron: no barycentric coordinate is negative."""
     at = np.stack(np.broadcast_arrays(x, y, z), axis=-1) - corners[0]
     shares = at @ np.linalg.inv(corners[1:] - corners[0])
     inside: Bools = np.all(shares > -ON_FACE, axis=-1) & (shares.sum(axis=-1) < 1.0 + ON_FACE)
@@ -142,14 +142,14 @@ def _in_tetrahedron(corners: Floats, x: Floats, y: float, z: Floats) -> Bools:
 def across(geometry: Moulded, columns: int = ACROSS) -> str:
     """Draw the section across the middle of an actuator's length, seen along it.
 
-    As `section`; what lies outside a round outline is ``-``.
+    Like `section`; the outside of a round outline is ``-``.
 
     Parameters
     ----------
     geometry : Moulded
         Of any family.
     columns : int
-        Characters for the width.
+        Number of characters for the width.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Segments with channels in a block, in one half or both, and a layer between: ribbed, cylindrical.
+"""Ribbed and cylindrical segments: channels in one or both halves, and a layer between.
 
-The families differ in where their channels are and in the elements that these ask for.
+The families differ in their channels and in the elements that these require.
 """
 
 from collections.abc import Callable, Mapping
@@ -30,7 +30,7 @@ from bayesdeg.errors import GeometryError
 Boxes = tuple[Box, ...]
 Sizes = tuple[float, float, float]
 
-MOST_ALONG, MOST_UP = 100, 30  # elements of a mesh where channels are small, about
+MOST_ALONG, MOST_UP = 100, 30  # approximate numbers of elements where channels are small
 # of a fine mesh about straight channels: along, where nothing changes; in a channel's smaller side;
 # and at most in half the width and in the height where channels are small
 ALONG, IN_CHANNEL, MOST_ACROSS, MOST_HIGH = 8, 4, 10, 14
@@ -39,7 +39,7 @@ ALONG, IN_CHANNEL, MOST_ACROSS, MOST_HIGH = 8, 4, 10, 14
 def slits(d: RibbedDimensions, wall_factor: float) -> Boxes:
     """Return slits across the upper half, and the passage that joins them [mm].
 
-    Cover, ribs and side walls are ``wall_factor`` times as thick; all slits stay alike.
+    Cover, ribs and side walls are ``wall_factor`` times as thick; all slits stay equal.
     """
     starts = d.end_wall + d.pitch * np.arange(d.channels, dtype=np.float64)
     rib = d.pitch - d.channel_length if d.channels > 1 else 0.0
@@ -57,8 +57,8 @@ def slits(d: RibbedDimensions, wall_factor: float) -> Boxes:
 def sizes_about_slits(d: RibbedDimensions) -> Sizes:
     """Return sizes of elements of a fine mesh along, across and up [mm].
 
-    There are two a rib, seven across and ten to twelve in the height: on the default segment 75,600
-    degrees of freedom, whose curvatures are 1.1 to 1.7 % below those with 164,800.
+    There are two per rib, seven across and ten to twelve in the height: on the default segment
+    75,600 degrees of freedom, whose curvatures are 1.1 to 1.7 % below those with 164,800.
     """
     along = max(d.channel_length, 0.5 * (d.pitch - d.channel_length), d.length / MOST_ALONG)
     return along, d.width / 7.0, max(0.52 * d.channel_height, d.height / MOST_UP)
@@ -83,14 +83,14 @@ def straight_channels(d: CylindricalDimensions, wall_factor: float) -> Boxes:
 def sizes_about_straight_channels(d: CylindricalDimensions) -> Sizes:
     """Return sizes of elements of a fine mesh along, across and up [mm].
 
-    What decides is how the section widens: there are four in the smaller side of a channel.
+    Widening of the section matters most: there are four in a channel's smaller side.
     """
     side = min(d.channel_width, d.channel_height) / IN_CHANNEL
     return d.length / ALONG, max(side, 0.5 * d.width / MOST_ACROSS), max(side, d.height / MOST_HIGH)
 
 
 class Layout(NamedTuple):
-    """What one family of segments has of its own; whether its elements are smaller at edges."""
+    """Layout of a family of segments, and whether its elements are graded at edges."""
 
     channels: Callable[[Any, float], Boxes]
     sizes: Callable[[Any], Sizes]
@@ -116,17 +116,17 @@ class SegmentGeometry:
         As moulded [mm].
     wall_factor : float
         Thickness of the cover and of the walls beside channels over the nominal one; the outer
-        faces and the floor of the channels stay where they are [–].
+        faces and the floor of the channels do not move [–].
     erosion : float
-        Thickness lost from every exposed face: all outer faces but the clamped end, and the
+        Thickness lost from every exposed face: all outer faces except the clamped end, and the
         bottom if the constraint covers it [mm].
     constraint : Constraint
-        The layer that does not stretch, or stretches less.
+        The inextensible or stiffer layer.
 
     Raises
     ------
     GeometryError
-        If no segment can be made of the dimensions; the message lists every reason.
+        If no segment can have these dimensions; the message lists every reason.
 
     Examples
     --------
@@ -163,7 +163,7 @@ class SegmentGeometry:
         if ordered and (self.rounded is None or self.rounded.holds_core):
             return ()
         return (
-            f"a wall factor of {w:g} and {e:g} mm of erosion leave nothing of a wall or a channel "
+            f"a wall factor of {w:g} and {e:g} mm of erosion remove a wall or a channel "
             f"(cover {d.cover:g} mm, pitch {d.pitch:g} mm, channels {d.channel_length:g} mm long, "
             f"{d.channel_width:g} mm wide and {d.channel_height:g} mm high)",
         )
@@ -179,12 +179,12 @@ class SegmentGeometry:
 
     @property
     def outer(self) -> Box:
-        """What is left of the block after erosion [mm]."""
+        """Remaining block after erosion [mm]."""
         return block_left(self.dimensions, self.constraint, self.erosion)
 
     @property
     def rounded(self) -> RoundSection | None:
-        """The outline across the length, where it is round."""
+        """The outline across the length, if round."""
         d = self.dimensions
         if not (isinstance(d, CylindricalDimensions) and d.is_round):
             return None
@@ -196,7 +196,7 @@ class SegmentGeometry:
 
     @property
     def _core(self) -> Boxes:
-        """The core of a round section, of which its ring is bent [mm]."""
+        """The core of a round section, around which its ring is bent [mm]."""
         section = self.rounded
         if section is None:
             return ()
@@ -221,12 +221,12 @@ class SegmentGeometry:
 
     @property
     def voids(self) -> Boxes:
-        """Boxes of air that is not under pressure [mm]."""
+        """Boxes of unpressurised air [mm]."""
         return self.lower if self.dimensions.passive == "open" else ()
 
     @property
     def exposed(self) -> Boxes:
-        """None: the channels of the lower half open into a tube, not to the soil."""
+        """Empty: the channels of the lower half open into a tube, not to the soil."""
         return ()
 
     @property
@@ -258,11 +258,11 @@ class SegmentGeometry:
 
     @property
     def is_boxes(self) -> bool:
-        """Whether it is a block less boxes: it is."""
+        """Whether it is a block minus boxes: yes."""
         return True
 
     def mesh_like(self, usual: Resolution) -> Resolution:
-        """Return the mesh that is to this segment what a mesh is to the default pneunet."""
+        """Return the resolution equivalent to one of the default pneunet."""
         along, across, up = self._layout.sizes(self.dimensions)
         return Resolution(
             along * usual.along / FINE.along,
@@ -272,7 +272,7 @@ class SegmentGeometry:
         )
 
     def planes(self) -> Planes:
-        """Return the coordinates of all planes along x, y and z between which bricks stand [mm]."""
+        """Return the coordinates of all planes along x, y and z between bricks [mm]."""
         boxes = (*self.slab, *self.upper, *self.lower)
         if not self._core:
             return planes_of(self.outer, boxes, self.line_height)
@@ -289,6 +289,6 @@ class SegmentGeometry:
         return replace(self, wall_factor=wall_factor, erosion=erosion)
 
     def record(self) -> dict[str, object]:
-        """Return all that a solution depends on, as it is written and hashed."""
+        """Return all that a solution depends on, as written and hashed."""
         layer = constraint_record(self.constraint, self.dimensions)
         return asdict(self) | {"kind": self.dimensions.kind, "constraint": layer}

@@ -1,10 +1,10 @@
-"""Exact derivatives of every reading, by material, loads and the shape of walls and faces.
+"""Exact derivatives of every reading by material, loads and the shape of walls and faces.
 
 With R(u, m) = 0 the discrete equilibrium and g an output, dg/dm = −λᵀ ∂R/∂m with K λ = ∂g/∂u:
-one solution with the factors at hand for each output, however many inputs there are.
+one solution with existing factors for each output, for any number of inputs.
 
-All nodes move in proportion to the wall factor and to the erosion, so the mesh is moved a little
-along that direction, and everything is evaluated at the same displacement.
+All nodes move linearly with the wall factor and the erosion, so the mesh is moved slightly along
+that direction, and everything is evaluated at the same displacement.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ class Variation:
 
         dg/dm = ∂g/∂m − λᵤᵀ ∂R/∂m − λₚᵀ ∂r/∂m, with R the residual of the forces, r that of the
         volume, and (λᵤ, λₚ) the adjoint of the reading g. The partial derivatives are
-        differences over ``STEP``, good to about 1e-7 of the whole.
+        differences over ``STEP``, accurate to about 1e-7.
         """
         angle = float(here.readings[0])
         there = evaluated(self.mesh, self.problem, here.state, previous_angle=angle)
@@ -86,22 +86,22 @@ def variations(
     Parameters
     ----------
     nominal : ActuatorMesh
-        Before walls and faces are moved.
+        Mesh before walls and faces are moved.
     system : System
         Of the nominal mesh.
     material : MaterialGroups
-        With the wall factor and the erosion to vary about.
+        Material with the wall factor and erosion to vary.
     layer : LayerGroups, optional
-        Of a constraint layer of elastomer.
+        Constants of an elastomer constraint layer.
 
     Returns
     -------
     tuple
-        None where the geometry does not allow an input to vary.
+        None if the geometry does not allow an input to vary.
     """
     at = {"wall_factor": material.wall_factor, "erosion": material.erosion}
     here = reshaped(nominal, **at)
-    # towards the neutral value, where there is an actuator for certain
+    # towards the neutral value, where an actuator certainly exists
     towards = {
         "wall_factor": APART if material.wall_factor < 1.0 else -APART,
         "erosion": -APART if material.erosion > APART else APART,
@@ -120,7 +120,7 @@ def variations(
 
 
 def _moved(here: ActuatorMesh, other: ActuatorMesh, *, share: float) -> ActuatorMesh:
-    """Return the mesh moved by a share of the way to another."""
+    """Return the mesh moved by a share of the way to a second one."""
     body = here.body.placed_at(here.body.nodes + share * (other.body.nodes - here.body.nodes))
     depth = here.body.depth + share * (other.body.depth - here.body.depth)
     return replace(here, body=replace(body, depth=depth))
@@ -143,7 +143,7 @@ INPUTS = (*MATERIAL_INPUTS, *SHAPE_INPUTS)
 
 VOLUME = OUTPUTS.index("cavity_volume")
 CORRECTIONS = 8
-ALIKE = 1e-10  # of the largest: directions of adjoints that differ less add rounding errors alone
+ALIKE = 1e-10  # of the largest: adjoint directions that differ less add only rounding errors
 SMALLEST = np.finfo(float).tiny  # at rest some readings do not change, and their adjoints are zero
 
 
@@ -164,28 +164,28 @@ def derivatives(
     Parameters
     ----------
     problem : Problem
-        Whose equilibrium it is.
+        Problem of the equilibrium.
     solver : Factorization
         Holds the factors of a tangent at, or next to, the state.
     state : MechanicalState
         An equilibrium.
     rate : MechanicalState
-        d(state)/d(load) there, which is the adjoint of the cavity's volume: K λ = ∂V/∂u is what
-        the pressure does.
+        d(state)/d(load) there, the adjoint of the cavity volume: K λ = ∂V/∂u is the effect of the
+        pressure.
     factors : Linearisation
         That tangent's linearisation.
     readings, gradients : arrays, shapes (n_outputs,) and (n_outputs, n_nodes, 3)
         From ``outputs.read_with_gradients``.
     shapes : sequence of Variation
-        Of ``SHAPE_INPUTS``.
+        Variations of ``SHAPE_INPUTS``.
     enough : float
-        Relative correction of an adjoint at which it is taken for settled.
+        Relative correction of an adjoint at convergence.
 
     Returns
     -------
     array
-        Columns in the order of ``INPUTS``, nan where the geometry cannot vary; the outputs depend
-        directly on the shape alone.
+        Columns in the order of ``INPUTS``, nan where the geometry cannot vary; outputs depend
+        directly on the shape only.
     """
     others = np.delete(gradients, VOLUME, axis=0)
     adjoints = adjoint_states(
@@ -211,17 +211,17 @@ def reaction_derivatives(
     shapes: Sequence[Variation | None],
     enough: float,
 ) -> Floats:
-    """Return derivatives by the inputs of the force up on nodes that are held, (1, n_inputs).
+    """Return derivatives by the inputs of the upward force on held nodes, (1, n_inputs).
 
     F = vᵀR with v = 1 up at these nodes, so that dF/dm = μᵀ ∂R/∂m, with μ = v there and K μ = 0 at
-    the unknowns: how the body follows when they are lifted.
+    the unknowns: the response of the body to lifting them.
 
     Parameters
     ----------
     problem, solver, state, factors, shapes, enough
-        As of `derivatives`.
+        As in `derivatives`.
     held : array
-        Nodes that are held in z.
+        Nodes held in z.
     """
     lifted = np.zeros_like(problem.system.body.nodes)
     lifted[held, 2] = 1.0
@@ -250,10 +250,10 @@ def adjoint_states(
 ) -> list[MechanicalState]:
     """Return the adjoints of outputs: the mixed problem's tangent inverted, times (g, 0).
 
-    Factors of a tangent near by are corrected by the defect of the mixed problem's equations, after
-    all adjoints together have been made as good as their combinations can be: as a rule they err
-    in the same soft motions of the body. The corrections shrink by a constant ratio, so the next
-    is foreseen from the last two; it ends where that changes less than ``enough``.
+    Solutions with a nearby tangent's factors are corrected by the defect of the mixed problem's
+    equations, after the best combination of all adjoints was found: they usually err in the same
+    soft motions of the body. The corrections decrease by a constant ratio, so the next is predicted
+    from the last two; iteration ends when that changes less than ``enough``.
     """
     right = np.column_stack([problem.on_free(g) for g in gradients])
     fields = [problem.system.expand(column) for column in solver.solve(right).T]
@@ -308,7 +308,7 @@ def combined(
     along, pressures, forces, volumes = (part.reshape(len(adjoints), -1) for part in parts)
     work = along @ forces.T + pressures @ volumes.T
     wanted = along @ gradients.reshape(len(adjoints), -1).T
-    # no energy: at rest some adjoints are zero; or less, next to a limit point
+    # no energy: at rest some adjoints are zero; or negative, near a limit point
     energy = np.diag(work)
     scale = np.where(energy > 0.0, 1.0 / np.sqrt(np.where(energy > 0.0, energy, 1.0)), 0.0)
     missing = scale[:, None] * (wanted - work)
@@ -326,9 +326,9 @@ def _largest(field: Floats) -> float:
 def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
     """Return ∂R/∂m of the uncondensed residual for ``MATERIAL_INPUTS``, (n_inputs, n_nodes, 3).
 
-    The volume equation knows none of these inputs. Beside a layer of elastomer the paper's group
-    is the layer's C1 over that of the body, to which all its constants are in proportion; that
-    the bulk modulus grows with it is left out: half a percent of this derivative of a bend angle.
+    The volume equation depends on none of these inputs. With an elastomer layer, the paper's group
+    is the layer's C1 over that of the body, to which all its constants are proportional; the growth
+    of its bulk modulus is ignored: half a percent of this derivative of a bend angle.
     """
     system, body, material = problem.system, problem.system.body, problem.material
     placed = body.nodes + state.displacement

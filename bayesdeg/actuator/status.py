@@ -1,4 +1,4 @@
-"""How fine a solution is, what it may spend, and how it ended."""
+"""Resolution, effort and status of a solution."""
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Status(IntEnum):
-    """How a solution ended; the member's ``advice`` says what it means and what to do."""
+    """Status of a solution; its ``advice`` says what it means and what to do."""
 
     CONVERGED = 0
     LIMIT_POINT = 1
@@ -20,34 +20,34 @@ class Status(IntEnum):
 
     @property
     def advice(self) -> str:
-        """What the status means, in plain words."""
+        """Meaning of the status and what to do, in plain words."""
         return _ADVICE[self]
 
 
 _ADVICE = {
     Status.CONVERGED: "equilibrium found",
     Status.LIMIT_POINT: "the actuator balloons before this pressure; there is no stable "
-    "equilibrium near by: lower the pressure, or stiffen walls or material",
-    Status.UNSTABLE_MATERIAL: "the constants soften without bound (C2 <= -sqrt(3 C1 C3), C3 < 0 "
+    "equilibrium nearby: lower the pressure, or stiffen walls or material",
+    Status.UNSTABLE_MATERIAL: "the material softens without bound (C2 <= -sqrt(3 C1 C3), C3 < 0 "
     "or a negative second-invariant term): use constants of a stable material",
     Status.EFFORT_EXHAUSTED: "not converged within the allowed iterations: refine the pressure "
-    "steps or report the parameters",
-    Status.OUTSIDE_TRAINING: "outside the range on which the emulator was trained: narrow the "
-    "priors or train an emulator on a wider range",
-    Status.BUCKLED: "the shape loses its stability before this pressure although the actuator "
-    "does not balloon, as where compressed paper wrinkles: lower the pressure, or check the "
-    "paper's stiffness and thickness",
-    Status.INVALID_INPUT: "an input is not a number or has an impossible sign, or nothing is left "
-    "of a wall: check that C1 is above 0, and pressure, scale, paper and walls",
-    Status.TIMED_OUT: "not finished within the time allowed: allow more time, or a coarser mesh",
+    "steps, or report the parameters",
+    Status.OUTSIDE_TRAINING: "outside the emulator's training range: narrow the "
+    "priors, or train an emulator on a wider range",
+    Status.BUCKLED: "the shape becomes unstable before this pressure although the actuator does "
+    "not balloon, as where compressed paper wrinkles: lower the pressure, or check the paper's "
+    "stiffness and thickness",
+    Status.INVALID_INPUT: "an input is not a number or has an impossible sign, or a wall vanishes: "
+    "check that C1 is above 0, and check pressure, scale, paper and walls",
+    Status.TIMED_OUT: "not finished within the time allowed: allow more time or a coarser mesh",
 }
 
 
 class Backend(StrEnum):
-    """What assembles the equations; solutions agree to rounding.
+    """Assembly of the equations; solutions agree to rounding.
 
-    KERNELS are compiled loops. SCIKIT_FEM takes the weak form, written as scikit-fem's forms: it
-    is there to be read and to hold the kernels against, and assembles some forty times as long.
+    KERNELS are compiled loops. SCIKIT_FEM assembles the weak form written as scikit-fem forms: it
+    is readable and verifies the kernels, but takes some forty times as long.
     """
 
     KERNELS = "kernels"
@@ -56,7 +56,7 @@ class Backend(StrEnum):
 
 @dataclass(frozen=True)
 class PathEffort:
-    """What a path may spend.
+    """Limits of a path.
 
     Parameters
     ----------
@@ -65,20 +65,20 @@ class PathEffort:
     iterations : int
         Steps of Newton's method at one load.
     halvings : int
-        How often the smallest distance between loads may be halved.
+        Maximum halvings of the smallest distance between loads.
     total : int
-        Factorizations a path.
+        Maximum factorizations per path.
     seconds : float
-        Wall time a path, looked at between steps [s].
+        Maximum wall time per path, checked between steps [s].
     rate_tolerance : float
-        Relative change at which the tangent of the path is taken for settled [–].
+        Relative change of the path's tangent at convergence [–].
     first_step : float
         Largest displacement in the first step of the load over the size of the body [–].
     steps : int
-        At least so many are made up to the last load.
+        Minimum number of steps up to the last load.
     exact : bool
-        Whether an equilibrium is found at every load asked for; otherwise the path is interpolated
-        between the steps that its course needs, with an error below the tolerance.
+        Whether to find an equilibrium at every requested load; otherwise the path is interpolated
+        between its steps, with an error below the tolerance.
     """
 
     tolerance: float = 4e-4
@@ -94,15 +94,15 @@ class PathEffort:
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely the space between two planes of the geometry is divided.
+    """Element sizes between planes of the geometry.
 
     Parameters
     ----------
     along, across, up : float
         Largest size of an element in x, y and z, before grading [mm].
     grading : float
-        Between 0, for elements of one size, and 1: how much smaller elements are next to planes
-        where re-entrant edges may stand, see ``graded`` [–].
+        From 0, for uniform elements, to 1: how much smaller elements are next to planes with
+        possible re-entrant edges, see ``graded`` [–].
     """
 
     along: float
@@ -111,7 +111,7 @@ class Resolution:
     grading: float = 0.0
 
     def scaled(self, ratio: float) -> Self:
-        """Return the resolution for an actuator that is so many times as large.
+        """Return the resolution for an actuator larger by a factor.
 
         Examples
         --------
@@ -123,9 +123,9 @@ class Resolution:
 
 
 COARSE = Resolution(along=3.5, across=2.5, up=5.0)
-# on the default geometry within 1 % of the curvature of vanishing elements
+# within 1 % of the converged curvature on the default geometry
 CONVERGED = Resolution(along=1.2, across=1.05, up=1.0, grading=0.75)
 FINE = Resolution(along=1.0, across=0.7, up=0.9, grading=0.75)
 
 
-MODEL_VERSION = "3"  # raised when numbers change: stored solutions then count no more
+MODEL_VERSION = "3"  # raised when numbers change, which invalidates stored solutions

@@ -1,6 +1,6 @@
-"""The weak form of the actuator in scikit-fem: the reference whose fast twin the kernels are.
+"""The weak form of the actuator in scikit-fem: the reference for the fast kernels.
 
-Find the displacement u, zero where the body is held, and the pressure p, such that for all v and q
+Find the displacement u, zero where the body is fixed, and the pressure p, such that for all v and q
 
     ∫ (P(F, p) : ∇v − b · v) dV + ∫ T(F) : ∇v dA + g ∫ cof F N · v dA + D a(u, v) = 0,
     ∫ q (J − 1 − p/K) dV = 0,
@@ -17,7 +17,7 @@ The space of u is three times the same scalar one: a matrix of u is made of bloc
 pair of components, and unknowns stand component by component. scikit-fem's ``ElementVector`` gives
 the same numbers in three times the time, with nine times the memory for its functions.
 
-One term has no form here: a(u, u) = ∫ |∇∇u|² dA, the paper's bending, needs second derivatives of
+One term has no form: a(u, u) = ∫ |∇∇u|² dA, the paper's bending, needs second derivatives of
 functions whose slopes jump. Its matrix is that of `paper.bending_matrix`, differences between
 neighbouring nodes; it does not depend on u, and both backends share it.
 
@@ -119,9 +119,9 @@ class ElementHexLinear(ElementH1):  # type: ignore[misc]
 
 
 class Deformation(NamedTuple):
-    """What the laws need of the deformation gradient, at every quadrature point.
+    """Quantities of the deformation gradient for the laws, at every quadrature point.
 
-    F; J, nan where a brick is inside out; G = F⁻ᵀ; C = FᵀF; its invariants I₁ and I₂; and
+    F; J, nan where a brick is inverted; G = F⁻ᵀ; C = FᵀF; its invariants I₁ and I₂; and
     M = I₁ F − F C = ½ ∂I₂/∂F. Tensors come first, elements and points last.
     """
 
@@ -146,7 +146,7 @@ class Deformation(NamedTuple):
 
 
 def deformation(F: Floats) -> Deformation:
-    """Return what the laws need of a deformation gradient, (3, 3, n_elements, n_points)."""
+    """Return quantities of a deformation gradient for the laws, (3, 3, n_elements, n_points)."""
     volume = det(F)
     J = np.where(volume > 0.0, volume, np.nan)
     C = mul(transpose(F), F)
@@ -172,7 +172,7 @@ class SolidLaw:
     c1 : array, shape (n_elements, n_points)
         C1 over its value in the groups: a skin differs from the core [–].
     ratios : array, shape (3, n_elements, n_points), optional
-        C2, C3 and r over the C1 of their place, where they are not those of the groups [–].
+        C2, C3 and r over the local C1, if they differ from those of the groups [–].
     """
 
     material: MaterialGroups
@@ -272,7 +272,7 @@ class PaperLaw:
         return F[:, :2] / (1.0 + self.mismatch)
 
     def _on_body(self, stress: Floats) -> Floats:
-        """Return the stress per area of the body, by F, from that per area of the paper, by L."""
+        """Convert the stress per area of the paper, by L, to that per area of the body, by F."""
         normal = np.zeros_like(stress[:, :1])
         return (1.0 + self.mismatch) * np.concatenate([stress, normal], axis=1)
 
@@ -281,7 +281,7 @@ class PaperLaw:
         return direction
 
     def _strained(self, F: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """L, Q, and what slack leaves of the stress: φ = Ψ'/q, and φ'(q)/q."""
+        """Return L, Q, and the share of stress left by slack: φ = Ψ'/q, and φ'(q)/q."""
         L = self._on_paper(F)
         C = mul(transpose(L), L)
         E = 0.5 * (C - identity(C))
@@ -293,7 +293,7 @@ class PaperLaw:
         return L, Q, share, steepness / self.slack**2
 
 
-SMALL = 1e-2  # of q/s, below which differences lose digits and a series is exact
+SMALL = 1e-2  # of q/s: below it use a series, as differences lose digits
 
 
 def _taken_up(x: Floats) -> tuple[Floats, Floats]:
@@ -339,7 +339,7 @@ class Spaces:
         Raises
         ------
         ValueError
-            If its element is not Q2/P1disc, or its nodes have another order.
+            If its element is not Q2/P1disc, or its nodes are ordered differently.
         """
         if body.element is not QUADRATIC:
             raise ValueError(f"the weak form knows {QUADRATIC.name} only, not {body.element.name}")
@@ -364,7 +364,7 @@ class Spaces:
 def _check_places(body: Body, basis: Basis) -> None:
     same = np.array_equal(basis.element_dofs.T, body.elements)
     if not same or np.abs(basis.doflocs.T - body.nodes).max() > MISPLACED:
-        raise ValueError("the weak form needs nodes in the order of scikit-fem's")
+        raise ValueError("the weak form needs nodes in scikit-fem's order")
 
 
 def on_faces(basis: Basis, faces: NDArray[np.int64]) -> FacetBasis:
@@ -387,7 +387,7 @@ def deformation_gradient(basis: Basis, displacement: Floats) -> Floats:
 
 
 def on_normal(tensor: Floats, basis: FacetBasis) -> Floats:
-    """Return a tensor times the normals of faces, (3, n_faces, n_points)."""
+    """Return a tensor applied to the normals of faces, (3, n_faces, n_points)."""
     turned: Floats = mul(tensor, np.asarray(basis.normals))
     return turned
 
@@ -435,9 +435,9 @@ def _one_entry(row: int, column: int) -> Floats:
 class WeakForm:
     """The equations of an actuator, assembled by scikit-fem: drop-in for ``Problem``.
 
-    Some forty times slower than the kernels, and to rounding the same. Only the uncondensed force
-    on what is held in the plane of symmetry, a reaction, differs: there the kernels differentiate
-    the volume, which has an edge in that plane.
+    Some forty times slower than the kernels, and equal to rounding. Only the uncondensed force on
+    nodes fixed in the plane of symmetry, a reaction, differs: there the kernels differentiate the
+    volume, which has an edge in that plane.
 
     Parameters
     ----------
@@ -469,12 +469,12 @@ class WeakForm:
     layer: LayerGroups | None = None
 
     def with_share(self, share: float) -> Self:
-        """Return the problem with another share of its dead loads."""
+        """Return the problem with a different share of its dead loads."""
         return replace(self, share=share)
 
     @property
     def has_dead_load(self) -> bool:
-        """Whether anything acts at zero pressure."""
+        """Whether any load acts at zero pressure."""
         return any(self._gravity) or self.material.paper_mismatch != 0.0
 
     @property
@@ -508,7 +508,7 @@ class WeakForm:
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
         """Return residual and tangent at a state.
 
-        The residual is the internal force less the loads', with the volume equation condensed
+        The residual is the internal force minus the loads', with the volume equation condensed
         element by element; the tangent is symmetric since the cavity is closed. Without it the
         equations are only evaluated: neither couplings nor a condensed residual.
         """
@@ -548,7 +548,7 @@ class WeakForm:
         return sp.csr_array(sp.hstack([asm(flow, u, p, density=row) for row in at.cofactor]))
 
     def _force(self, state: MechanicalState) -> Floats:
-        """Stress of the body less its weight, gas pressure, membrane and bending of the paper."""
+        """Return the forces of body stress, weight, gas pressure, membrane and paper bending."""
         spaces = self.spaces
         force = assembled_force(spaces.displacement, self._solid.stress(*self._in_body(state)))
         force -= self.share * assembled_load(spaces.displacement, self._gravity)
@@ -575,7 +575,7 @@ class WeakForm:
         return self._stored(sp.csr_array(sum(parts)))
 
     def _stored(self, matrix: sp.csr_array) -> Floats:
-        """Entries between unknowns that the system's pattern of the upper triangle has."""
+        """Return the entries in the system's pattern of the upper triangle."""
         upper, free = self.system.upper, self.system.free
         places = free % 3 * len(self.system.body.nodes) + free // 3
         rows = np.repeat(places, np.diff(upper.indptr))
@@ -590,7 +590,7 @@ class WeakForm:
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent times directions, as forms linear in v and q.
+        """Return the mixed problem's tangent applied to directions, as forms linear in v and q.
 
         Returns
         -------

@@ -1,1 +1,1 @@
-"""The catalogue of causes: one file a cause."""
+"""The catalogue of causes, one module per cause."""

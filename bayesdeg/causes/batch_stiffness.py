@@ -1,28 +1,28 @@
-"""Batch stiffness: batches of the material are stiffer or softer than one another.
+"""Batch stiffness: batches of the material differ in stiffness.
 
 Mechanism
-    What is weighed in, how long it gels and how it dries differs from one mixture to the next. All
-    that was cast of a batch is then stiffer or softer, actuators and films alike.
+    Weighing, gelling time and drying differ from one mixture to the next, so all castings of a
+    batch, actuators and films alike, are stiffer or softer than those of other batches.
 
 Equation
-    All constants of batch b are exp(x_b) times those of the batch with which others are compared,
-    whose x is 0: that of most films, or of most actuators where films record none
-    (`bayesdeg.data.batches`). x is the ``second``, ``third`` and ``fourth`` of the others in the
-    order of their names. Specimens without a batch count as of the first.
+    All constants of batch b are exp(x_b) times those of the reference batch, whose x is 0: the
+    batch of most films, or of most actuators where films record none (`bayesdeg.data.batches`).
+    ``second``, ``third`` and ``fourth`` are x of the other batches in the order of their names.
+    Specimens without a batch count as the reference batch.
 
 Typical size
-    x = ±0.2: a gel's modulus goes about with the square of its concentration, so that a mixture
-    with 9 % less of its mass, all of it water, is 21 % stiffer, and gelatin films vary by tens of
-    percent with their gelling and drying. The prior has a standard deviation of 0.25. What batches
-    of a careful laboratory differ by is no more than ``stiffness_scatter`` takes up.
+    x = ±0.2: a gel's modulus scales with about the square of its concentration, so a mixture with
+    9 % less mass, all of it water, is 21 % stiffer; gelatin films vary by tens of percent with
+    gelling and drying. The prior has a standard deviation of 0.25. Batches of a careful laboratory
+    differ by no more than ``stiffness_scatter`` absorbs.
 
 Revealed by
     Specimens of one batch that deviate together, at all degradation rates and pressures. It is
-    judged only where ``batch`` in actuator.csv says that actuators are of two to four batches: what
-    they have in common is otherwise no more than a guess.
+    judged only where ``batch`` in actuator.csv names two to four batches: without that column, any
+    grouping of specimens would be a guess.
 
 Refuted by
-    Batches that differ among actuators and agree among films.
+    Batches that differ in their actuators but agree in their films.
 
 Source
     Bigi, Panzavolta, Rubini (2004), Biomaterials 25:5675,
@@ -52,12 +52,12 @@ CONTRASTS = ("second", "third", "fourth")
 
 
 def mix_otherwise(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
-    """Return inputs with all constants times exp(x) of each specimen's batch."""
+    """Scale the inputs' constants by exp(x) of each specimen's batch."""
     return scaled_stiffness(inputs, np.exp(_contrast(conditions.batch[:, :1], effect)))
 
 
 def pull_otherwise(stress: Floats, films: FilmConditions, effect: Effect, _: Floats) -> Floats:
-    """Return stresses times exp(x) of each film's batch."""
+    """Scale stresses by exp(x) of each film's batch."""
     pulled: Floats = stress * np.exp(_contrast(films.batch[:, None], effect))
     return pulled
 
@@ -65,7 +65,7 @@ def pull_otherwise(stress: Floats, films: FilmConditions, effect: Effect, _: Flo
 def _contrast(batch: NDArray[np.int64], effect: Effect) -> Floats:
     """Return x of each specimen, (walkers, n_specimens, 1).
 
-    Films of batches beyond the fourth, of which no actuator is, count as of the first.
+    Films of batches beyond the fourth, which contain no actuator, count as the reference batch.
     """
     parts = [effect[name] * (batch == k) for k, name in enumerate(CONTRASTS, start=1)]
     total: Floats = np.add.reduce(parts)
@@ -73,33 +73,33 @@ def _contrast(batch: NDArray[np.int64], effect: Effect) -> Floats:
 
 
 def of_one_batch(conditions: Conditions) -> str | None:
-    """Say so where actuators are not of two to four batches, as far as is known.
+    """Say so unless the actuators are known to come from two to four batches.
 
     Examples
     --------
     >>> of_one_batch(Conditions(np.ones((2, 1)), np.zeros((2, 1)), batch=np.array([[0], [1]])))
     >>> of_one_batch(Conditions(np.ones((2, 1)), np.zeros((2, 1))))
-    'all actuators are of one batch, or of none that was recorded'
+    'all actuators come from one batch, or their batches were not recorded'
     """
     if len(np.unique(conditions.batch)) < 2:
-        return "all actuators are of one batch, or of none that was recorded"
+        return "all actuators come from one batch, or their batches were not recorded"
     if conditions.batch.max() > len(CONTRASTS):
-        return f"actuators are of more than {len(CONTRASTS) + 1} batches"
+        return f"the actuators come from more than {len(CONTRASTS) + 1} batches"
     return None
 
 
 def in_one_batch(study: Study) -> str | None:
-    """Say so where a study does not record several batches of actuators.
+    """Say so unless the study records several batches of actuators.
 
     Examples
     --------
     >>> from pathlib import Path
     >>> in_one_batch(Study("s", Path("s")))
-    'no actuators are recorded as of several batches (batch in actuator.csv)'
+    'actuator.csv does not record several batches (column batch)'
     """
     if len(set(recorded_batches(study.actuator).values())) > 1:
         return None
-    return "no actuators are recorded as of several batches (batch in actuator.csv)"
+    return "actuator.csv does not record several batches (column batch)"
 
 
 CAUSE = Cause(
@@ -110,14 +110,14 @@ CAUSE = Cause(
             name,
             Normal(0.0, 0.25),
             "–",
-            f"ln of the stiffness of the {name} batch over that of the first",
+            f"ln of the stiffness of the {name} batch relative to the reference batch",
             0.0,
         )
         for name in CONTRASTS
     ),
-    mechanism="batches of the material are stiffer or softer than one another",
+    mechanism="batches of the material differ in stiffness",
     typical={"second": 0.2, "third": -0.1, "fourth": 0.1},
-    revealed_by="specimens of one batch that deviate together; refuted by films of the same "
+    revealed_by="specimens of one batch that deviate together; refuted by films of these "
     "batches that agree",
     confusable_with=("film_mismatch", "degradation_misread"),
     needs=("batch",),

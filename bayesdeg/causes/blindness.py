@@ -1,4 +1,4 @@
-"""Why the tests at hand cannot reveal a cause, in words; None where they can."""
+"""Reasons why the tests at hand cannot reveal a cause; None where they can."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from bayesdeg.causes.history import known_time
 from bayesdeg.data.study import Study
 
 FRESH = 0.5
-"""A specimen recorded up to this never was in the soil [%]."""
+"""Degradation rate up to which a specimen counts as never buried [%]."""
 
 
 def without_degraded(conditions: Conditions) -> str | None:
@@ -22,7 +22,7 @@ def without_degraded(conditions: Conditions) -> str | None:
 
 
 def without_time(conditions: Conditions) -> str | None:
-    """Say so where no time is known to have passed between readings.
+    """Say so where no elapsed time between readings is known.
 
     Examples
     --------
@@ -36,11 +36,11 @@ def without_time(conditions: Conditions) -> str | None:
 
 
 def in_one_mode(films: FilmConditions) -> str | None:
-    """Say so where all films were stretched in one mode, all in tension or all in compression.
+    """Say so where all films were tested in one mode, all in tension or all in compression.
 
     Along such a path I₁ − 3 and the stretch determine each other, and an energy W(I₁) with
-    W' = σ/(∂I₁/∂λ) has any given nominal stress σ(λ): whatever acts on the stress reads like
-    another form of the law. Only that Yeoh's polynomial ends with its third term speaks against it.
+    W' = σ/(∂I₁/∂λ) has any given nominal stress σ(λ): any change of the stress looks like a
+    different form of the law. Only Yeoh's truncation after the third term speaks against it.
 
     Examples
     --------
@@ -48,23 +48,22 @@ def in_one_mode(films: FilmConditions) -> str | None:
     >>> modes = np.array(["uniaxial", "planar"])
     >>> in_one_mode(FilmConditions(stretch, modes, plain, np.zeros(2)))
     >>> one = FilmConditions(stretch[:1], modes[:1], plain[:1], np.zeros(1))
-    >>> in_one_mode(one)[:57]
-    'films were stretched in one mode only (uniaxial), without'
+    >>> in_one_mode(one)[:58]
+    'films were tested in one mode only (uniaxial) and no actua'
     """
     modes = sorted(set(films.mode.tolist()))
     both_ways = np.any(films.stretch > 1.0) and np.any(films.stretch < 1.0)
     if len(modes) > 1 or both_ways:
         return None
     return (
-        f"films were stretched in one mode only ({modes[0]}), without actuators beside them: any "
-        "curve in one mode is that of some energy in I₁ alone, so this cannot be told from another "
-        "form of the law"
+        f"films were tested in one mode only ({modes[0]}) and no actuators: any curve in one mode "
+        "fits some energy in I₁ alone, so this cannot be told from a different form of the law"
     )
 
 
 def in_one_mode_and_measure(films: FilmConditions) -> str | None:
-    """Say so where besides all stresses bear the same label, nominal or Cauchy."""
-    labels = np.unique(films.cauchy[films.stretch != 1.0])  # what pads a curve has no label
+    """Say so where, in addition, all stresses have the same label, nominal or Cauchy."""
+    labels = np.unique(films.cauchy[films.stretch != 1.0])  # padding has no label
     return in_one_mode(films) if len(labels) < 2 else None
 
 
@@ -79,5 +78,5 @@ def without_membrane(study: Study) -> str | None:
     layer = study.settings.constraint
     if layer.is_membrane:
         return None
-    what = "a layer of elastomer" if layer.is_slab else "no constraint layer"
+    what = "an elastomer layer" if layer.is_slab else "no constraint layer"
     return f"the actuator has {what}, and neither paper nor film"

@@ -33,7 +33,7 @@ def find(name: str) -> Cause:
     Raises
     ------
     BayesdegError
-        If there is none of that name; the message suggests the nearest.
+        If no cause has this name; the message suggests the nearest one.
 
     Examples
     --------
@@ -43,5 +43,5 @@ def find(name: str) -> Cause:
     if name not in CATALOGUE:
         near = difflib.get_close_matches(name, CATALOGUE, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(CATALOGUE)}"
-        raise BayesdegError(f"there is no cause {name!r}; {hint}")
+        raise BayesdegError(f"unknown cause {name!r}; {hint}")
     return CATALOGUE[name]

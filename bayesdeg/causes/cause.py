@@ -1,4 +1,4 @@
-"""What a cause is: a named difference between what was recorded and what the mechanics met."""
+"""A cause: a named difference between what was recorded and what acted on the specimen."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -18,18 +18,18 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 REFERENCE_DEGRADATION = 25.0
-"""Degradation rate for which sizes of effects that grow with it are stated [%]."""
+"""Degradation rate at which the sizes of degradation-dependent effects are stated [%]."""
 GROWTH = Parameter(
     "growth",
     LogNormal(1.0, 0.5),
     "–",
-    "power of the degradation rate with which it grows",
+    "power of the degradation rate with which the effect grows",
     1.0,
 )
-"""Of what the soil does at a pace of its own: sooner than the gel degrades, or later.
+"""For effects of the soil that proceed faster or slower than the gel degrades.
 
-What goes on at a constant rate, while the degradation rate tends to some 30 %, is as n = 1.4 to
-2.1, and what water does within hours as n near 0: 90 % of the prior lie between 0.44 and 2.3."""
+An effect at a constant rate, while the degradation rate tends to some 30 %, has n = 1.4 to 2.1;
+effects of water within hours have n near 0. 90 % of the prior lies between 0.44 and 2.3."""
 
 Effect = Mapping[str, Floats]
 """Values of a cause's parameters by their short names, shaped to broadcast (walkers, 1, 1)."""
@@ -38,7 +38,7 @@ Effect = Mapping[str, Floats]
 class Stage(IntEnum):
     """Where in the chain a cause acts; causes are applied in this order, then by name.
 
-    What the material makes of a load in time (RESPONSE) comes after what the load really is (LOAD).
+    The material's response to a load over time (RESPONSE) comes after the true load (LOAD).
     """
 
     DEGRADATION = 0
@@ -51,17 +51,17 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the experiment set or recorded, readings in the order in which they were taken.
+    """Set and recorded conditions of an experiment, readings in the order in which they were taken.
 
-    By default it was a prompt first loading in a horizontal mount. What broadcasts to
-    (n_specimens, n_points) is brought to that shape.
+    The default is a fast first loading in a horizontal mount. Arrays that broadcast to
+    (n_specimens, n_points) are expanded to that shape.
 
     Parameters
     ----------
     pressure : array, shape (n_specimens, n_points)
         As read by the sensor [kPa].
     degradation : array, shape (n_specimens, 1) or (walkers, n_specimens, 1)
-        As measured, or that of each walker [%].
+        As measured, or as each walker has it [%].
     time : array
         Since the specimen's first row; nan where it was not recorded [s].
     cycle : array of int
@@ -75,13 +75,13 @@ class Conditions:
     temperature : array
         Of the room; nan where it was not recorded [°C].
     batch : array of int
-        Of which batch the specimen is, as `bayesdeg.data.batches.batch_numbers`; 0 is the one with
-        which others are compared.
+        Number of the specimen's batch, as in `bayesdeg.data.batches.batch_numbers`; 0 is the
+        reference batch.
 
     Raises
     ------
     ValueError
-        If the shapes do not go together.
+        If the shapes do not broadcast.
 
     Examples
     --------
@@ -101,8 +101,8 @@ class Conditions:
     batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
 
     def __post_init__(self) -> None:
-        """Bring what was recorded to the shape of the readings."""
-        rates = np.shape(self.degradation)[-2:]  # what was recorded is the same for all walkers
+        """Broadcast recorded conditions to the shape of the readings."""
+        rates = np.shape(self.degradation)[-2:]  # recorded conditions are the same for all walkers
         shape = np.broadcast_shapes(np.shape(self.pressure), rates)
         recorded = ("time", "cycle", "unloading", "humidity", "mount", "temperature", "batch")
         for name in recorded:
@@ -133,7 +133,7 @@ class Conditions:
 
 
 def _median_known(values: Floats) -> Floats:
-    """Return the median along the last axis of what is known; nan where nothing is."""
+    """Return the median of the known values along the last axis; nan where none is known."""
     known = np.ma.masked_invalid(values)
     median: Floats = np.ma.filled(np.ma.median(known, axis=-1), np.nan)
     return median
@@ -141,7 +141,7 @@ def _median_known(values: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class FilmConditions:
-    """What tensile tests of films set.
+    """Conditions of tensile tests of films.
 
     Parameters
     ----------
@@ -150,13 +150,13 @@ class FilmConditions:
     mode : array of str, shape (n_specimens,)
         ``uniaxial``, ``equibiaxial`` or ``planar``.
     cauchy : array of bool, shape (n_specimens, n_points)
-        Whether the stress is labelled as Cauchy's; nominal otherwise.
+        Whether the stress is labelled Cauchy; nominal otherwise.
     degradation : array, shape (n_specimens,)
         As measured [%].
     temperature : array, shape (n_specimens,)
         Of the room; nan where it was not recorded [°C].
     batch : array of int, shape (n_specimens,)
-        As of `Conditions`.
+        As in `Conditions`.
     """
 
     stretch: Floats
@@ -167,7 +167,7 @@ class FilmConditions:
     batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
 
     def __post_init__(self) -> None:
-        """Bring what was recorded to one value a specimen."""
+        """Broadcast recorded conditions to one value per specimen."""
         shape = np.shape(self.degradation)
         for name in ("temperature", "batch"):
             object.__setattr__(self, name, np.broadcast_to(getattr(self, name), shape))
@@ -175,7 +175,7 @@ class FilmConditions:
 
 @dataclass(frozen=True)
 class Degradation:
-    """What is believed of the specimens' degradation rate.
+    """Estimated degradation rate of the specimens.
 
     Parameters
     ----------
@@ -191,12 +191,12 @@ class Degradation:
 
 @dataclass(frozen=True)
 class StrengthConditions:
-    """In which state actuators are when they meet their elongation limit: one value a specimen.
+    """State of actuators at their elongation limit: one value per specimen.
 
     Parameters
     ----------
     degradation : array, shape (walkers, n_specimens)
-        As believed [%].
+        Estimated [%].
     humidity : array, shape (n_specimens,)
         Relative humidity of the room [%]; nan where it was not recorded.
     film_slope : array, shape (walkers, n_specimens)
@@ -209,7 +209,7 @@ class StrengthConditions:
 
 
 def grown(conditions: Conditions, effect: Effect) -> Floats:
-    """Return (D/25 %)^n, the share of its size that an effect with `GROWTH` has come to [–].
+    """Return (D/25 %)^n, the share of its full size that an effect with `GROWTH` has reached [–].
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def grown(conditions: Conditions, effect: Effect) -> Floats:
 
 
 def scaled_stiffness(inputs: Inputs, factor: Floats) -> Inputs:
-    """Return inputs of a body that is stiffer by a factor, and its paper not.
+    """Return inputs of a body stiffer by a factor, with the paper unchanged.
 
     Parameters
     ----------
@@ -253,16 +253,16 @@ def scaled_stiffness(inputs: Inputs, factor: Floats) -> Inputs:
 
 
 def always_visible(conditions: Conditions | FilmConditions) -> None:
-    """Say nothing: no test is blind to the cause."""
+    """Return None: every test can reveal the cause."""
 
 
 def judged_anywhere(study: Study) -> None:
-    """Say nothing: whatever a study states, the cause has a meaning in it."""
+    """Return None: the cause has a meaning in every study."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One entry of the catalogue.
+    """Entry of the catalogue.
 
     Parameters
     ----------
@@ -275,35 +275,35 @@ class Cause:
     mechanism : str
         One sentence in plain words.
     typical : Mapping
-        Values of all parameters at a size that is met in practice.
+        Values of all parameters at a size met in practice.
     revealed_by : str
-        What data shows it, and what data would refute it.
+        Which data reveal it, and which would refute it.
     confusable_with : tuple of str
-        Causes with a like signature in curvature alone.
+        Causes with a similar signature in curvature alone.
     twins : tuple of str
-        Causes that no reading of curvature, angle or volume tells from it: what sets their evidence
-        apart is priors of size, and less than the rules are right to.
+        Causes that no reading of curvature, angle or volume can tell from it: their evidence
+        differs only through priors of size and errors of the rules.
     needs : tuple of str
         Columns of actuator.csv without which it cannot be judged.
     of_degradation : bool
-        Whether it is of degradation or of shrinkage: a study without either has no such cause.
+        Whether it concerns degradation or shrinkage: a study without either has no such cause.
     corrects : tuple of str
-        Parameters of the model that it takes for misread.
+        Parameters of the model that it treats as misread.
     on_degradation, on_inputs, on_reading : callable, optional
-        What it does to the degradation rates, to the inputs of the forward map, to the
-        prediction; one that is not given means no effect.
+        How it changes the degradation rates, the inputs of the forward map and the prediction;
+        a hook not given has no effect.
     on_stress : callable, optional
-        What it does to the stresses (walkers, n_specimens, n_points) [MPa] that tensile tests of
-        films read; the last argument is Yeoh's constants (walkers, n_specimens, 3) [MPa]. It is
-        linear in both together, so it acts alike on a stress with its constants and on a
-        derivative of the stress with that of the constants.
+        How it changes the stresses (walkers, n_specimens, n_points) [MPa] that tensile tests of
+        films read; the last argument holds Yeoh's constants (walkers, n_specimens, 3) [MPa]. It is
+        linear in both together, so it maps a derivative of the stress, given with the derivative
+        of the constants, in the same way.
     on_strength : callable, optional
-        What it does to the elongation limit of actuators in given states; the effect is shaped
+        How it changes the elongation limit of actuators in given states; the effect has shape
         (walkers, 1).
     blind : callable
-        Says why tests cannot reveal it although the columns are there; None if they can.
+        Says why tests cannot reveal it although the columns exist; None if they can.
     blind_in : callable
-        Says why what a study states or gives leaves it no meaning; None if it has one.
+        Says why it has no meaning in a study; None if it has one.
     blind_on_films : callable
         Says why tensile tests alone, without actuators, cannot reveal it; None if they can.
     """
@@ -320,7 +320,7 @@ class Cause:
     of_degradation: bool = False
     corrects: tuple[str, ...] = ()
     on_degradation: Callable[[Degradation, Conditions, Effect], Degradation] | None = None
-    # of Inputs, Conditions and Prediction; of a user's own forward map of whatever that takes
+    # take Inputs, Conditions and Prediction, or what a user's own forward map takes
     on_inputs: Callable[[Any, Any, Effect], Any] | None = None
     on_reading: Callable[[Any, Any, Effect], Any] | None = None
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
@@ -342,9 +342,9 @@ class Cause:
 
     @property
     def acts_on(self) -> frozenset[str]:
-        """Tests whose readings it changes: ``actuator``, ``tensile``, ``rupture``.
+        """Kinds of tests whose readings it changes: ``actuator``, ``tensile``, ``rupture``.
 
-        What changes the strain of an actuator changes its rupture too; that is not said here.
+        A cause that changes the strain of an actuator also changes its rupture; not counted here.
         """
         actuator = (self.on_degradation, self.on_inputs, self.on_reading)
         hooks = {"actuator": actuator, "tensile": (self.on_stress,), "rupture": (self.on_strength,)}
@@ -352,5 +352,5 @@ class Cause:
 
     @property
     def is_of_rupture_alone(self) -> bool:
-        """Whether no reading of a curve shows it, only when actuators burst."""
+        """Whether it acts on rupture only, so that no reading of a curve shows it."""
         return self.acts_on == {"rupture"}

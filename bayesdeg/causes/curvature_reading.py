@@ -1,9 +1,9 @@
-"""Curvature reading: another fibre than the bottom line was traced, or the picture is distorted.
+"""Curvature reading: a fibre other than the bottom line was traced, or the picture is distorted.
 
 Mechanism
-    The image tool fits a curve to the outline that the eye follows. A line at height y over the
-    paper lies on the outer side of the bend, so its radius is larger by y; perspective scales
-    every length of the picture.
+    The image tool fits a curve to a visible outline. A line at height y above the paper lies on
+    the outer side of the bend, so its radius is larger by y; perspective scales every length in
+    the picture.
 
 Equation
     κ_read = (1 + m) κ / (1 + κ y).
@@ -12,14 +12,14 @@ Typical size
     y up to the height of the part (8 mm): a factor 0.75–0.80 at κ = 40 1/m; m of 1–3 %.
 
 Revealed by
-    A ratio that falls with curvature whatever the pressure or the degradation rate; the bend
-    angle, which does not depend on the fibre, has no misfit.
+    A ratio that falls with curvature at any pressure and degradation rate; the bend
+    angle, which does not depend on the fibre, fits.
 
 Refuted by
     The same misfit in the bend angle.
 
 Source
-    Mary and Brouhard (2019), Kappa, doi:10.1101/852772, for the way curvature is traced; the
+    Mary and Brouhard (2019), Kappa, doi:10.1101/852772, for how curvature is traced; the
     factor follows from concentric arcs.
 """
 
@@ -51,13 +51,13 @@ CAUSE = Cause(
             "fibre_height",
             TruncatedNormal(0.0, 5.0, 0.0, 15.0),
             "mm",
-            "height of the traced line over the paper",
+            "height of the traced line above the paper",
             0.0,
         ),
         Parameter("magnification", Normal(0.0, 0.02), "–", "error of the picture's scale", 0.0),
     ),
-    mechanism="the curvature was traced along another line than the bottom, or the picture's "
-    "scale is off",
+    mechanism="the curvature was traced along a line other than the bottom, or the picture's scale "
+    "is off",
     typical={"fibre_height": 8.0, "magnification": 0.0},
     revealed_by="a ratio that falls with curvature at any pressure and degradation rate; refuted "
     "by the same misfit in the bend angle",

@@ -1,41 +1,40 @@
-"""Degradation scale: rates that are recorded of the actuators are too large by one factor.
+"""Degradation scale: all recorded degradation rates of the actuators are too large by one factor.
 
 Mechanism
-    What is recorded of the actuators is in proportion to what the films' curves are recorded
-    against, but not the same. Two ways are likely in an experiment like the source's.
+    Recorded rates of the actuators are proportional, but not equal, to those against which the
+    films were measured. Two ways are likely in an experiment like the source's.
 
-    *Another moisture basis.* A content by total mass, M, and one by dry mass, X = M/(1 − M), give
-    rates D and D/(1 − M_C). With M_0 = 20 % a rate of 25 % on the one is 29.4 % on the other; the
-    ratio is 1.25 where little has degraded and 1.18 at 25 %, so nearly a factor. Where
-    rates of the actuators are by dry mass and those of the films by total mass x = −0.15 … −0.20,
-    the other way round +0.18 … +0.25.
+    *Different moisture bases.* A content by total mass, M, and one by dry mass, X = M/(1 − M), give
+    rates D and D/(1 − M_C). With M_0 = 20 %, a rate of 25 % on one basis is 29.4 % on the other;
+    the ratio is 1.25 at slight degradation and 1.18 at 25 %, so nearly a factor. Where rates of the
+    actuators are by dry mass and those of the films by total mass, x = −0.15 … −0.20; the other way
+    round, +0.18 … +0.25.
 
-    *Walls behind films.* Water reaches the middle of a film of 0.5 mm within hours, of a wall of
-    2 mm not: with 10⁻¹¹ … 10⁻¹² m²/s, 60 % of a change takes 8–81 h if both faces are open. 24 h
-    of conditioning, which bring films to 97 % and more, bring such a wall to 90 … 33 %, and one
-    whose inner face is closed to 52 … 17 %. A rate that was read of films is then too large for the
-    walls of the same time in the soil: x = −0.1 … −0.8.
+    *Walls lag behind films.* Water reaches the middle of a 0.5 mm film within hours, but not that
+    of a 2 mm wall: with 10⁻¹¹ … 10⁻¹² m²/s, 60 % of a change takes 8–81 h if both faces are open.
+    Conditioning for 24 h brings films to 97 % and more, such a wall to 90 … 33 %, and one with a
+    closed inner face to 52 … 17 %. A rate measured on films is then too large for walls buried for
+    the same time: x = −0.1 … −0.8.
 
 Equation
-    D = (1 + x) D_recorded, and so is its standard error. Fresh specimens stay fresh.
+    D = (1 + x) D_recorded; its standard error scales alike. Fresh specimens stay fresh.
 
 Typical size
-    x = −0.2 by another basis, −0.1 … −0.8 in walls behind films; −0.2 is a shift by 5 points at
-    25 %, by 1 at 5 %. The prior ends at 0: x of a few percent above it reads like
-    ``degraded_skin``, which a study could then not name alone, and x = 0.3 like degradation that
-    comes in from the surfaces. A study whose films may be on the dry basis states a prior of both
-    signs, ``"degradation_scale.excess" = { law = "truncated_normal", mean = 0.0, sd = 0.2,
+    x = −0.2 by a different basis, −0.1 … −0.8 in walls that lag; −0.2 is a shift by 5 points at
+    25 %, by 1 at 5 %. The prior ends at 0: x a few percent above it reads like ``degraded_skin``,
+    which a study could then not name alone, and x = 0.3 like degradation that starts at the
+    surfaces. If your films may be on the dry basis, set a prior of both signs,
+    ``"degradation_scale.excess" = { law = "truncated_normal", mean = 0.0, sd = 0.2,
     low = -0.9, high = 1.0 }`` under ``[priors]``.
 
 Revealed by
     More curvature than simulated, in a ratio that is constant in pressure at small strain, absent
     in fresh specimens, and growing with the degradation rate; ``degradation_misread`` shifts
-    slightly and strongly degraded specimens alike. Levels that lie far apart tell the two from each
-    other.
+    slightly and strongly degraded specimens alike. Levels far apart tell the two apart.
 
 Refuted by
-    As many points off at 5 % as at 25 %; moisture of pieces of the walls, on the same basis and
-    as dry as the films.
+    The same error in points at 5 % as at 25 %; moisture of pieces of the walls, on the same basis
+    and as dry as the films.
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485: Eq. 4 is by total mass, the
@@ -73,14 +72,14 @@ CAUSE = Cause(
             "excess",
             TruncatedNormal(0.0, 0.25, -0.9, 0.0),
             "–",
-            "true over recorded degradation rate of the actuators, less 1",
+            "true over recorded degradation rate of the actuators, minus 1",
             0.0,
         ),
     ),
-    mechanism="degradation rates recorded of the actuators are all too large by one factor",
+    mechanism="all recorded degradation rates of the actuators are too large by one factor",
     typical={"excess": -0.18},
-    revealed_by="more curvature than simulated, growing with the degradation rate; refuted by as "
-    "many points off at small rates as at large ones",
+    revealed_by="more curvature than simulated, growing with the degradation rate; refuted by an "
+    "error of as many points at small rates as at large ones",
     confusable_with=("degradation_misread", "degraded_skin", "erosion", "degraded_shrinkage"),
     on_degradation=rescale,
     blind=without_degraded,

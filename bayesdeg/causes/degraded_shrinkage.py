@@ -1,28 +1,27 @@
-"""Degraded shrinkage: a part gets smaller as it degrades, and the simulation keeps its size.
+"""Degraded shrinkage: a part shrinks as it degrades, which the simulation ignores.
 
 Mechanism
-    Degradation takes dry mass away, and what is left holds less water. Where a part loses that
-    evenly, as a gel does that shrinks about what dissolves, it stays like itself and gets smaller.
-    Mass that leaves from the faces alone thins the walls instead (``erosion``): both draw on the
-    same lost mass. The paper is taken to follow, as it does in the shrinkage after moulding; it
-    keeps its stiffness per width and its thickness.
+    Degradation removes dry mass, and what is left holds less water. If the loss is uniform, the
+    part keeps its shape and gets smaller. Mass lost from the faces alone thins the walls instead
+    (``erosion``): both draw on the same lost mass. The paper is assumed to follow, as in the
+    shrinkage after moulding; it keeps its stiffness per width and its thickness.
 
 Equation
     V = V_0 (1 − v D/25 %), so the linear scale is s (1 − v D/25 %)^(1/3), with v the share of the
-    volume that is lost at 25 %. A part of the same shape bends by the same angle, over a shorter
-    length: the curvature goes with 1/s, the bend angle stays but for the paper's share.
+    volume that is lost at 25 %. A part of the same shape bends by the same angle over a shorter
+    length: the curvature scales with 1/s; the angle is unchanged but for the paper's share.
 
 Typical size
-    v = 0.31, nearly known. Of a part with moisture content M_0 = 20 % (wet basis) a rate of 25 %
+    v = 0.31, nearly known. In a part with moisture content M_0 = 20 % (wet basis) a rate of 25 %
     leaves M_C = 15 %, in dry matter X = M/(1 − M): 0.25 → 0.176. On that basis the rate is 29.4 %,
-    of which Eq. 6 takes 0.8574 as dry mass: 25.2 %. With ρ = 1.32 g/cm³ of the dry matter (2 parts
+    of which Eq. 6 takes 0.8574 as dry mass: 25.2 %. With ρ = 1.32 g/cm³ for the dry matter (2 parts
     gelatin, 1 part glycerol) V = m (1/ρ + X/ρ_w) falls by 30.7 %, the linear scale to 0.885, and
-    curvature grows by 13 %. M_0 = 10–30 % gives 26–36 %; rates that were already of the dry basis
-    give 24–28 %. Even loss is an assumption, so the prior is 0.3 ± 0.15 and reaches 0.
+    curvature grows by 13 %. M_0 = 10–30 % gives 26–36 %; rates already on the dry basis
+    give 24–28 %. Uniform loss is an assumption, so the prior is 0.3 ± 0.15 and reaches 0.
 
 Revealed by
-    More curvature than simulated, growing with the degradation rate and alike at all pressures,
-    while the bend angle shows no misfit; none of it in fresh specimens. A calliper shows it.
+    More curvature than simulated, growing with the degradation rate and equal at all pressures,
+    while the bend angle fits; none of it in fresh specimens. A calliper shows it.
 
 Refuted by
     The same misfit in the bend angle; degraded parts as long as fresh ones.
@@ -42,13 +41,13 @@ from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effe
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 LEAST_VOLUME = 0.1
-"""Share of the volume that is left at least, at rates far beyond those of films [–]."""
+"""Smallest remaining share of the volume, at rates far beyond those of films [–]."""
 
 
 def shrink_as_degraded(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs with the linear scale times (1 − v D/25 %)^(1/3).
 
-    A rate below 0, which is scatter, makes no part larger.
+    Rates below 0, which are scatter, do not enlarge the part.
     """
     rate = np.maximum(conditions.degradation, 0.0) / REFERENCE_DEGRADATION
     kept = np.maximum(1.0 - effect["lost_volume"] * rate, LEAST_VOLUME)
@@ -63,11 +62,11 @@ CAUSE = Cause(
             "lost_volume",
             TruncatedNormal(0.3, 0.15, 0.0, 0.6),
             "–",
-            "share of the volume that is lost at a degradation rate of 25 %",
+            "share of the volume lost at a degradation rate of 25 %",
             0.0,
         ),
     ),
-    mechanism="a part shrinks as it degrades, and the simulation keeps its size",
+    mechanism="a part shrinks as it degrades, which the simulation ignores",
     typical={"lost_volume": 0.31},
     revealed_by="more curvature than simulated, growing with the degradation rate, that the bend "
     "angle does not show; refuted by degraded parts as long as fresh ones",

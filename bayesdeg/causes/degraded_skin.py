@@ -1,9 +1,9 @@
 """Degraded skin: degradation starts at exposed surfaces, so the skin is stiffer than the mean.
 
 Mechanism
-    Microbes and the loss of glycerol work inwards from the faces that the soil touches. A moisture
-    content is a mean over the wall: the outer layer is further degraded and stiffer than it says,
-    the core less.
+    Microbial attack and loss of glycerol work inwards from the faces that touch the soil. Moisture
+    content is a mean over the wall: the outer layer is more degraded and stiffer than the mean, the
+    core less.
 
 Equation
     ln(stiffness of a surface / mean) = s D/25 %, falling off inwards by e in 0.5 mm, with the
@@ -11,13 +11,12 @@ Equation
 
 Typical size
     Surfaces up to twice as stiff as the mean at 25 %, s = 0.7: curvature −4 % at 25 %. The emulator
-    is trained up to s D/25 % = 1.2, which is where the prior ends. Diffusion with reaction that
-    reaches 1 mm deep asks for s = 2.4, of whose effect the rule leaves 14 %
-    (`benchmarks/rules.py`).
+    is trained up to s D/25 % = 1.2, where the prior ends. Diffusion with reaction that reaches 1 mm
+    deep requires s = 2.4, of whose effect the rule misses 14 % (`benchmarks/rules.py`).
 
 Revealed by
-    A loss of curvature that grows with the degradation rate and is absent in fresh specimens; it
-    is small, and so seen by many specimens only.
+    A loss of curvature that grows with the degradation rate and is absent in fresh specimens; it is
+    small, so only many specimens show it.
 
 Refuted by
     The same stiffness in samples cut from the skin and from the core.
@@ -50,14 +49,14 @@ CAUSE = Cause(
             "skin_stiffening",
             TruncatedNormal(0.0, 0.7, 0.0, 1.2),
             "–",
-            "ln of surface over mean stiffness at a degradation rate of 25 %",
+            "ln of the ratio of surface to mean stiffness at a degradation rate of 25 %",
             0.0,
         ),
     ),
-    mechanism="the exposed surfaces are further degraded, and stiffer, than the mean of the wall",
+    mechanism="the exposed surfaces are more degraded, and stiffer, than the wall's mean",
     typical={"skin_stiffening": 0.7},
     revealed_by="a small loss of curvature that grows with the degradation rate; refuted by "
-    "samples from skin and core of like stiffness",
+    "equal stiffness of samples from skin and core",
     confusable_with=("degradation_misread", "erosion", "paper_softening"),
     on_inputs=stiffen_skin,
     blind=without_degraded,

@@ -1,33 +1,33 @@
-"""Dry air: degraded actuators tested in air drier than that of the films break at less strain.
+"""Dry air: degraded actuators tested in drier air than the films break at a lower strain.
 
 Mechanism
     Water and glycerol keep a gelatin gel tough: its elongation at break peaks at one humidity and
-    falls where it is drier. Films are stored and torn at that humidity; an actuator that is loaded
-    step by step in drier air loses water while it is tested, and a degraded one, which holds less,
-    the larger share of what it has.
+    falls in drier air. Films are stored and torn at that humidity; an actuator loaded step by step
+    in drier air loses water during the test, and a degraded one, which holds less, loses a larger
+    share of it.
 
 Equation
     Median elongation limit times exp(−b ρ), scatter of its logarithm √(σ² + (w ρ)²), with
     ρ = (D/25 %) max(67 % − RH, 0)/(67 % − 60 %), D the degradation rate and RH the humidity of the
-    room, the median of the specimen's test. Where none was recorded RH = 60 %. The scatter grows
-    since specimens that were tested at other times dried by other amounts; air that is moister than
-    that of the storage does nothing.
+    room, the median of the specimen's test. Where none was recorded, RH = 60 %. The scatter grows
+    because specimens tested at different times dry by different amounts; air moister than the
+    storage has no effect.
 
 Typical size
-    Stored at 67 % relative humidity, where elongation peaks, tested near 60 %: two of three
-    actuators burst at 25 % under a fifth of the films' limit, b of about 1.5. How much a limit
-    falls for a loss of 7 points of humidity is not published; the prior is an estimate, and that
-    the cut of the logarithm is proportional to the loss is assumed.
+    Stored at 67 % relative humidity, where elongation peaks, and tested near 60 %, two of three
+    actuators at 25 % burst below a fifth of the films' limit: b about 1.5. How much a limit falls
+    for a loss of 7 points of humidity is not published; the prior is an estimate, and
+    proportionality of the log reduction to the loss is an assumption.
 
 Revealed by
-    Ruptures at pressures that the films' elongation would bear, the more so the more degraded and
-    the drier the room; tests at the humidity at which the films were stored do not show them.
-    Counts in one room do not tell it from flaws. It acts on the actuators' rupture, not on films,
-    and not on curvature, which is that of humidity drift.
+    Ruptures at pressures that the films' elongation would bear, the more so the more degraded the
+    specimen and the drier the room; tests at the films' storage humidity do not show them. Counts
+    in one room do not tell it from flaws. It acts on the actuators' rupture only: not on films,
+    nor on curvature, on which humidity drift acts.
 
 Refuted by
-    Ruptures as early where the air is that in which the films were stored; smooth fracture surfaces
-    up to one degradation rate and jagged ones beyond.
+    Equally early ruptures at the films' storage humidity; smooth fracture surfaces up to one
+    degradation rate and jagged ones beyond.
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, for the humidities and the counts
@@ -51,7 +51,7 @@ from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def dry(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
-    """Return limits that are lower and more scattered, the more degraded and the drier the room.
+    """Lower and scatter limits more, the more degraded the specimen and the drier the room.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def lost_humidity(humidity: Floats) -> Floats:
 
 
 def never_dry(conditions: Conditions) -> str | None:
-    """Say so where no actuator was degraded, or none of them was tested in dry air."""
+    """Say so where no degraded actuator was tested in dry air."""
     degraded = np.any(conditions.degradation > 0.0, axis=-1)
     if not np.any(degraded):
         return "no degraded actuator was tested"
@@ -107,15 +107,15 @@ CAUSE = Cause(
             "widening",
             TruncatedNormal(0.0, 0.4, 0.0, np.inf),
             "–",
-            "scatter of ln elongation limit that such drying adds at a degradation rate of 25 %",
+            "scatter of the ln elongation limit added by such drying at a degradation rate of 25 %",
             0.0,
         ),
     ),
-    mechanism="degraded actuators tested in air drier than that of the films break at less strain",
+    mechanism="degraded actuators tested in drier air than the films break at a lower strain",
     typical={"cut": 1.5, "widening": 0.4},
     revealed_by="ruptures below what the films' elongation would bear, the more so the more "
-    "degraded and the drier the room; refuted by ruptures as early at the humidity at which the "
-    "films were stored",
+    "degraded the specimen and the drier the room; refuted by equally early ruptures at the "
+    "humidity at which the films were stored",
     confusable_with=("flaw_embrittlement", "uneven_degradation"),
     needs=("humidity_pct",),
     on_strength=dry,

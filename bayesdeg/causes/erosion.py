@@ -1,23 +1,23 @@
 """Erosion: walls get thinner as the material is lost to the soil.
 
 Mechanism
-    Degradation takes dry mass away, about 0.86 points of it for each point of D_R, and part of it
-    from the outer faces and the slots, while the simulation keeps the geometry of the fresh part.
+    Degradation removes dry mass, about 0.86 points of it for each point of D_R, part of it from the
+    outer faces and the slots, while the simulation keeps the geometry of the fresh part.
 
 Equation
     Thickness lost from every exposed face, at moulded size: e · 2 mm · (D/25 %)^n, with e the share
-    of a nominal wall of 2 mm that is lost at 25 %, and n = 1 if loss and degradation go on
-    together; of the part itself it is that times the linear scale. The face under the paper and the
-    clamped end lose nothing.
+    of a nominal wall of 2 mm lost at 25 %, and n = 1 if loss and degradation proceed together; on
+    the part itself, that times the linear scale. The face under the paper and the clamped end lose
+    nothing.
 
 Typical size
     e = 0.05–0.15: curvature +11 … +36 % at 25 % (8–30 % were estimated from 21 % of lost mass).
-    The emulator is trained up to 0.4 mm, e (D/25 %)^n = 0.2, which is where the prior ends. That
-    takes 20.5 % of the default actuator's gel. Eq. 6 would take more if all that is lost left from
-    the exposed faces: its 21–25 % of dry mass are e = 0.21–0.25, with their water 0.31. A size at
-    the end of the prior says so; what is lost evenly is ``degraded_shrinkage``, within its range.
-    Faces that are eaten at a constant rate, while the degradation rate tends to some 30 %, lose
-    thickness as with n = 1.4 to 2.1.
+    The emulator is trained up to 0.4 mm, e (D/25 %)^n = 0.2, where the prior ends. That removes
+    20.5 % of the default actuator's gel. Eq. 6 would remove more if all lost mass left from the
+    exposed faces: its 21–25 % of dry mass are e = 0.21–0.25, with their water 0.31. A posterior at
+    the end of the prior indicates this; uniform loss is ``degraded_shrinkage``, within its range.
+    Faces eroded at a constant rate, while the degradation rate tends to some 30 %, lose thickness
+    as with n = 1.4 to 2.1.
 
 Revealed by
     More curvature than simulated, growing with the degradation rate, none of it in fresh
@@ -57,12 +57,12 @@ CAUSE = Cause(
             "lost_share",
             TruncatedNormal(0.0, 0.1, 0.0, 0.2),
             "–",
-            "share of a 2 mm wall that is lost at a degradation rate of 25 %",
+            "share of a 2 mm wall lost at a degradation rate of 25 %",
             0.0,
         ),
         GROWTH,
     ),
-    mechanism="exposed walls lose thickness to the soil, which the simulation does not know",
+    mechanism="exposed walls lose thickness in the soil, which the simulation ignores",
     typical={"lost_share": 0.1, "growth": 1.0},
     revealed_by="more curvature than simulated, growing with the degradation rate; refuted by "
     "walls of degraded parts as thick as fresh ones",

@@ -1,4 +1,4 @@
-"""Film mismatch: the material of the cast actuator is not that of the cast film.
+"""Film mismatch: the cast actuator is stiffer or softer than the cast films.
 
 Mechanism
     A thick wall gels, cures and dries more slowly than a film of half a millimetre, and its chains
@@ -8,20 +8,20 @@ Equation
     All constants of the actuator are exp(x) times those of the films.
 
 Typical size
-    x of ±0.1, an assumption: moduli of gelatin films vary by tens of percent with how they gel and
-    dry, and films and actuators of one mixture that are cured and conditioned alike are taken to
-    differ by less. Three standard deviations, and evidence, reach what differs more. Below
-    x = −0.05 a fresh default actuator is so near to ballooning at 240 kPa that the emulator refuses
+    x of ±0.1, an assumption: moduli of gelatin films vary by tens of percent with gelling and
+    drying, and films and actuators of one mixture, cured and conditioned alike, are taken to
+    differ by less. Three standard deviations, and evidence, cover larger differences. Below
+    x = −0.05 a fresh default actuator is so near ballooning at 240 kPa that the emulator refuses
     this step.
 
 Revealed by
-    A ratio of curvatures that is the same at every pressure (but for what the paper's share makes
-    of it) and degradation rate; a film cut from an actuator.
+    A ratio of curvatures that is the same at every pressure (except for the paper's
+    share) and degradation rate; a film cut from an actuator.
 
 Refuted by
-    Films cut from an actuator's wall that agree with cast ones. From curvature alone it cannot be
-    told from a gauge that is off by a factor, since the curvature depends on p/C1 alone; nor, at
-    low pressures, from a leak.
+    Films cut from an actuator's wall that agree with cast ones. Curvature alone cannot tell it from
+    a gauge that is off by a factor, since curvature depends on p/C1 only, nor, at low pressure,
+    from a leak.
 
 Source
     Bigi, Panzavolta, Rubini (2004), Biomaterials 25:5675, for stiffness of gelatin films against
@@ -49,7 +49,7 @@ CAUSE = Cause(
             "log_ratio",
             Normal(0.0, 0.1),
             "–",
-            "ln of the stiffness of the actuator over that of the films",
+            "ln of the ratio of the actuator's stiffness to that of the films",
             0.0,
         ),
     ),

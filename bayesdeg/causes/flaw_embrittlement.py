@@ -1,36 +1,36 @@
-"""Flaw embrittlement: flaws of far degraded actuators cut their elongation limit.
+"""Flaw embrittlement: flaws in highly degraded actuators lower their elongation limit.
 
 Mechanism
     Fracture surfaces of films are smooth up to 20 % degradation and jagged at 25 %: pits and
     notches start cracks. A moulded actuator has more surface, more edges and larger flaws than a
-    strip punched from a film, so the films' elongation at break, which holds for films, is too high
-    for it, and that perhaps before films show any.
+    strip punched from a film, so the films' elongation at break overestimates its own, perhaps
+    before films show any flaws.
 
 Equation
-    Flaws compete with ordinary defects: ln S(ε) = ln S₀(ε) + ρ(D) min (ln S_f − ln S₀), the least
-    up to the strain ε, with S₀ the probability that a wall without flaws is whole, S_f the same
-    with a median less by exp(−b) and a scatter of its logarithm of √(σ² + w²), and
+    Flaws compete with ordinary defects: ln S(ε) = ln S₀(ε) + ρ(D) min (ln S_f − ln S₀), the minimum
+    up to the strain ε, with S₀ the probability that a wall without flaws survives, S_f the same
+    with a median lower by exp(−b) and a scatter of its logarithm of √(σ² + w²), and
     ρ(D) = r(D − D₀)/r(25 % − D₀) the number of flaws over that at 25 %, r(x) being the mean of
     max(x, 0) where x scatters by 1 %. Few flaws let few walls burst, but those as early as many do.
-    The onset D₀ is inferred: its prior knows the films' surfaces, and no count of ruptures.
+    The onset D₀ is inferred: its prior rests on the films' surfaces, not on counts of ruptures.
 
 Typical size
     Two of three actuators burst below 240 kPa at 25 %, where 99 % of the simulated volume stays
     below a strain of 0.11, a fifth of the films' limit of 0.52: b of about 1.5.
 
 Revealed by
-    Ruptures at pressures that the films' elongation would bear, at high degradation rates only,
-    and at scattered pressures. It acts on the actuators' rupture, not on films (their flaws are in
-    their own data), and not on curvature.
+    Ruptures at pressures that the films' elongation would bear, at high degradation rates only, and
+    at scattered pressures. It acts on the actuators' rupture only: not on films, whose data include
+    their own flaws, nor on curvature.
 
 Refuted by
-    Actuators at 25 % that reach the pressure which the films' limit allows; ruptures as early in
-    smooth fresh specimens.
+    Actuators at 25 % that reach the pressure which the films' limit allows; equally early ruptures
+    of smooth fresh specimens.
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, for fracture surfaces and counts
     of ruptures; Weibull (1951), J. Appl. Mech. 18:293, doi:10.1115/1.4010337, for flaws; Johnson
-    (1964), The Statistical Treatment of Fatigue Experiments, for sources of failure that compete.
+    (1964), The Statistical Treatment of Fatigue Experiments, for competing failure modes.
 """
 
 import numpy as np
@@ -51,10 +51,10 @@ from bayesdeg.priors import Parameter, TruncatedNormal
 SMOOTH = 20.0
 """Degradation rate up to which fracture surfaces of films are smooth [%]."""
 BEGINNING = 1.0
-"""Standard deviation of the onset from place to place [%]: rates are known no better, and what
-begins at once at one rate would be at no specimen or at all."""
+"""Standard deviation of the onset from place to place [%]: rates are known no better, and a sharp
+onset would put flaws in all specimens of a level or in none."""
 LATEST = 24.0
-"""Onset beyond which flaws would be there at once, not by degrees [%]."""
+"""Onset beyond which flaws would appear at once, not gradually [%]."""
 
 
 def embrittle(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
@@ -64,7 +64,7 @@ def embrittle(strength: Strength, conditions: StrengthConditions, effect: Effect
 
 
 def flaw_ramp(degradation: Floats, onset: Floats) -> Floats:
-    """Return ρ(D) [–], the number of flaws over that at 25 %, of a rate and an onset [%].
+    """Return ρ(D) [–], the number of flaws over that at 25 %, for a rate and an onset [%].
 
     Near 0 below the onset, from there nearly straight, above 1 beyond 25 %.
 
@@ -99,14 +99,14 @@ CAUSE = Cause(
             "cut",
             TruncatedNormal(0.0, 1.0, 0.0, np.inf),
             "–",
-            "ln of the films' over the actuators' elongation limit with flaws as many as at 25 %",
+            "ln of the films' over the actuators' elongation limit with as many flaws as at 25 %",
             0.0,
         ),
         Parameter(
             "widening",
             TruncatedNormal(0.0, 0.4, 0.0, np.inf),
             "–",
-            "scatter of ln elongation limit that flaws add",
+            "scatter of the ln elongation limit added by flaws",
             0.0,
         ),
         # films are smooth up to 20 %; walls, edges and corners may have flaws well before
@@ -114,14 +114,14 @@ CAUSE = Cause(
             "onset",
             TruncatedNormal(SMOOTH, 7.0, 0.0, LATEST),
             "%",
-            "degradation rate from which on there are flaws",
+            "degradation rate at which flaws begin",
             SMOOTH,
         ),
     ),
-    mechanism="flaws of far degraded actuators cut their elongation limit and widen its scatter",
+    mechanism="flaws in highly degraded actuators lower and scatter their elongation limit",
     typical={"cut": 1.5, "widening": 0.4, "onset": 20.0},
     revealed_by="ruptures below what the films' elongation would bear, at high degradation rates "
-    "only; refuted by actuators at 25 % that reach the pressure which it allows",
+    "only; refuted by actuators at 25 % that reach the pressure the films' limit allows",
     on_strength=embrittle,
     blind=never_flawed,
     of_degradation=True,

@@ -1,4 +1,4 @@
-"""Causes act one after another: the only place where their hooks are called in turn."""
+"""Apply causes one after another; their hooks are called nowhere else."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -24,7 +24,7 @@ class Acting(NamedTuple):
 def acting(
     causes: Iterable[Cause], values: Mapping[str, Floats], *, axes: int = 2
 ) -> tuple[Acting, ...]:
-    """Return causes with their sizes from named values (n,), to which so many axes are added."""
+    """Return causes with their sizes from named values (n,), with trailing axes added."""
     return tuple(
         Acting(
             cause,
@@ -39,14 +39,14 @@ def acting(
 
 
 def applied[T](hook: Hook, value: T, conditions: Any, causes: Iterable[Acting], *more: Any) -> T:
-    """Return what causes make of a value, each acting on what those before it left.
+    """Apply one hook of all causes to a value, each to what those before it left.
 
     Parameters
     ----------
     hook : str
         Which of the hooks of a `bayesdeg.causes.cause.Cause`; causes without it change nothing.
     value
-        What the first of them is given.
+        What the first cause is given.
     conditions
         What the experiment set or recorded, as the hook expects it.
     causes : iterable of Acting
@@ -74,6 +74,6 @@ def applied[T](hook: Hook, value: T, conditions: Any, causes: Iterable[Acting], 
 
 
 def with_causes(base: Iterable[Parameter], causes: Iterable[Cause]) -> ParameterTable:
-    """Return the table of a model with causes: their parameters follow, prefixed by their names."""
+    """Return a model's table followed by the causes' parameters, prefixed by the cause's name."""
     extra = (replace(p, name=cause.qualified(p.name)) for cause in causes for p in cause.parameters)
     return ParameterTable((*base, *extra))

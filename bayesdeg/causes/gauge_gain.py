@@ -1,20 +1,20 @@
 """Gauge gain: the gauge reads all pressures too high or too low by one factor.
 
 Mechanism
-    A gauge or transducer is off by a share of what it reads: its span was never adjusted, it has
-    aged, or a factor of its calibration is rounded. A leak takes away (``pressure_loss``); a gauge
-    errs either way.
+    A gauge or transducer is off in proportion to its reading: its span was never adjusted, it has
+    aged, or its calibration factor is rounded. A leak only lowers the pressure (``pressure_loss``);
+    a gauge errs either way.
 
 Equation
     p_true = (1 + g) p.
 
 Typical size
-    A few percent: accuracy classes of mechanical gauges are 1, 1.6, 2.5 and 4 % of full scale,
-    transducers are better. g has a standard deviation of 2 %, so that this cause cannot stand for
-    what only a leak or another material explains.
+    A few percent: accuracy classes of mechanical gauges are 1, 1.6, 2.5 and 4 % of full scale;
+    transducers are better. g has a standard deviation of 2 %, so that this cause cannot replace
+    what only a leak or a different material explains.
 
 Revealed by
-    A ratio of curvatures that is constant in p at every degradation rate, and small. From
+    A small ratio of curvatures, constant in p at every degradation rate. From
     curvature, bend angle and volume alone it cannot be told from a stiffer or softer casting
     (``film_mismatch``), nor from a small leak, since the shape depends on p/C1 alone.
 
@@ -51,7 +51,7 @@ CAUSE = Cause(
             "gain",
             TruncatedNormal(0.0, 0.02, -0.2, 0.2),
             "–",
-            "true pressure over that read, less 1",
+            "true over recorded pressure, minus 1",
             0.0,
         ),
     ),

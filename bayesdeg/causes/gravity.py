@@ -1,14 +1,14 @@
 """Gravity: the actuator's own weight bends it.
 
 Mechanism
-    A cantilever sags, and sags less as it curls up, so that part of what is read is weight lifted
-    or let down. A horizontal bending plane has the weight across, where it does not count to
-    first order.
+    A cantilever sags, and sags less as it curls up, so part of the reading is weight lifted or
+    lowered. With a horizontal bending plane the weight acts across it, where it has no first-order
+    effect.
 
 Equation
-    Specific weight ρ g, along the actuator where it hangs from its clamp, up from the paper
-    (against the bend) where it bends up, the opposite where it bends down; the shape at rest, with
-    the weight, is counted as zero.
+    Specific weight ρ g: along the actuator where it hangs from its clamp, up from the paper
+    (against the bend) where it bends up, the opposite where it bends down. The shape at rest,
+    under its weight, counts as zero.
 
 Typical size
     ρ = 1100–1250 kg/m³ by the recipe. Readings of a fresh default actuator change by −1.5 to
@@ -50,7 +50,7 @@ def weigh(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
 
 
 def never_across(conditions: Conditions) -> str | None:
-    """Say so where every mount had the weight across the bending plane."""
+    """Say so where every mount was horizontal, with the weight across the bending plane."""
     if np.any(conditions.mount != "horizontal"):
         return None
     return "every actuator was mounted horizontally, so its weight acts across the bending plane"
@@ -78,7 +78,7 @@ CAUSE = Cause(
             0.0,
         ),
     ),
-    mechanism="the actuator sags under its own weight, which the simulation leaves out",
+    mechanism="the actuator sags under its own weight, which the simulation ignores",
     typical={"density": 1150.0},
     revealed_by="a difference between mounts, in soft specimens; refuted by readings that do not "
     "depend on the mount",

@@ -1,4 +1,4 @@
-"""What happened to each specimen before a reading: its clock, and responses that lag behind."""
+"""Loading history of each specimen: times of readings, and responses that lag behind."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ def filled(values: Floats, first: float) -> Floats:
     values : array, shape (n_specimens, n_points)
         nan where not recorded.
     first : float
-        Stands for what is missing at the beginning.
+        Used where values are missing at the beginning.
 
     Examples
     --------
@@ -32,8 +32,8 @@ def filled(values: Floats, first: float) -> Floats:
 def known_time(conditions: Conditions) -> Floats:
     """Return the time of each reading since the specimen's first [s], (n_specimens, n_points).
 
-    A reading without a time is taken at that of the reading before it, so that no time passes on
-    specimens whose times were not recorded.
+    A reading without a time is assigned that of the reading before it, so specimens whose times
+    were not recorded do not age.
     """
     return filled(conditions.time, 0.0)
 
@@ -43,8 +43,8 @@ def lagging(steps: Floats, time: Floats, time_constant: Floats) -> Floats:
 
     .. math:: r(t_j) = \sum_{i \le j} \Delta_i \left(1 - e^{-(t_j - t_{i-1})/\tau}\right)
 
-    The step of a reading is made right after the reading before it, and what it is set to is held
-    until it is read; how long the first was held is not recorded: not at all.
+    The step of a reading is made right after the previous reading and held until it is read; the
+    first step's hold is not recorded and counts as zero.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def lagging(steps: Floats, time: Floats, time_constant: Floats) -> Floats:
     if np.all(time == time[:1]):
         time = time[:1]  # one schedule for all specimens: the memory is computed once
     begun = np.concatenate([time[:, :1], time[:, :-1]], axis=-1)
-    # steps that are still to come have no age
+    # future steps have no age
     age = np.maximum(time[:, :, None] - begun[:, None, :], 0.0)
     memory = -np.expm1(-age / time_constant[..., None])
     if len(time) == 1:  # a product of matrices for each walker

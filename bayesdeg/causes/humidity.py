@@ -1,4 +1,4 @@
-"""How much drier a room is than the air in which films and parts were stored."""
+"""How much drier the room is than the air in which films and parts were stored."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ SAME = 0.5
 
 
 def dryness(humidity: Floats) -> Floats:
-    """Return (67 % − RH)/(67 % − 60 %) [–]: 0 as humid as the storage, 1 where tests usually are.
+    """Return (67 % − RH)/(67 % − 60 %) [–]: 0 in the storage air, 1 in the usual test air.
 
     Source of both humidities: Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485.
 

@@ -1,25 +1,25 @@
-"""Humidity drift: the part dries and stiffens while it is tested.
+"""Humidity drift: the part dries and stiffens during its test.
 
 Mechanism
     Parts are stored at 67 % relative humidity and tested at about 60 %. From the specimen's first
-    reading on, water, which softens the gel, leaves it.
+    reading on, it loses water, which softens the gel.
 
 Equation
     ln stiffness grows by a m(t) with τ dm/dt = (67 % − RH)/(67 % − 60 %) − m and m(0) = 0. Where
-    the humidity of the room was recorded RH is that, held from the reading before to its own;
-    where it was not, RH = 60 % and m = 1 − exp(−t/τ). Gel and paper are taken to stiffen alike, so
-    the actuator bends as under p exp(−a m).
+    the humidity of the room was recorded, RH is that, held from the previous reading to its own;
+    where it was not, RH = 60 % and m = 1 − exp(−t/τ). Gel and paper are assumed to stiffen alike,
+    so the actuator bends as under p exp(−a m).
 
 Typical size
-    Stiffness 1.02–1.13 times within 10–30 minutes, assumed; a is what 7 points of humidity make in
-    the end. It lowers the load: typical sizes stay within the emulator's range. Diffusion through
-    the walls of the default actuator, at 1e-11 m²/s, brings 2 points of ln stiffness within 50 min
-    where 15 are gained in the end, with τ = 955 s; the rule leaves 15 % of that effect
-    (`benchmarks/rules.py`). A larger drift is one of thin parts, or of something else.
+    Stiffness 1.02–1.13 times within 10–30 minutes, assumed; a is the final effect of 7 points of
+    humidity. It lowers the load, so typical sizes stay within the emulator's range. Diffusion
+    through the walls of the default actuator, at 1e-11 m²/s, adds 0.02 to ln stiffness within
+    50 min where 0.15 is reached in the end, with τ = 955 s; the rule misses 15 % of that effect
+    (`benchmarks/rules.py`). A larger drift points to thin parts or to a different cause.
 
 Revealed by
-    Loss of curvature that grows with the time since the first reading, in fresh specimens too; a
-    pressure read again later bends less; a drier room makes it larger.
+    Loss of curvature that grows with the time since the first reading, in fresh specimens too; less
+    bending when a pressure is read again later; a larger effect in a drier room.
 
 Refuted by
     The same curvature at the same pressure half an hour later; a room as humid as the storage.
@@ -76,12 +76,12 @@ CAUSE = Cause(
             "stiffening",
             TruncatedNormal(0.0, 0.1, 0.0, 1.0),
             "–",
-            "ln of the stiffness gained in the end where the humidity fell from 67 to 60 %",
+            "final gain in ln stiffness where the humidity fell from 67 to 60 %",
             0.0,
         ),
         Parameter("time_constant", LogNormal(900.0, 0.7), "s", "time constant of drying", 900.0),
     ),
-    mechanism="the part dries and stiffens from the beginning of its test on",
+    mechanism="the part dries and stiffens during its test",
     typical={"stiffening": 0.15, "time_constant": 900.0},
     revealed_by="loss of curvature that grows with time, in fresh specimens too; refuted by the "
     "same curvature at the same pressure half an hour later",

@@ -1,28 +1,28 @@
-r"""Mullins effect: after a large stretch the material is softer below it.
+r"""Mullins effect: after a large stretch the material is softer at smaller ones.
 
 Mechanism
     The first loading breaks weak bonds. Up to the largest load so far the material is softer from
-    then on; beyond it, it follows the curve of a first loading. Stiff, degraded specimens are
-    stretched less by the same pressure, and soften less.
+    then on; beyond it, it follows the virgin curve. Stiff, degraded specimens are stretched less by
+    the same pressure, and soften less.
 
 Equation
-    With q the load that a specimen never stretched would need for the same shape and q_m the
-    largest so far, p = η q with η = 1 − b erf((q_m² − q²)/(w C1²)): the factor of Ogden and
-    Roxburgh, with an energy that grows as (q/C1)². The paper is taken to soften alike. Against that
-    law at every integration point, on paper that stays as it is, the rule leaves 4 % of the effect
-    at degradation rates of 0 to 25 %, with b 4 % below 1/r since the paper does not soften
+    With q the load that a virgin specimen would need for the same shape and q_m the largest so far,
+    p = η q with η = 1 − b erf((q_m² − q²)/(w C1²)): the factor of Ogden and Roxburgh, with an
+    energy that grows as (q/C1)². The paper is assumed to soften alike. Compared with that law at
+    every integration point, with unchanged paper, the rule misses 4 % of the effect at degradation
+    rates of 0 to 25 %, with b 4 % below 1/r since the paper does not soften
     (`benchmarks/rules.py`).
 
 Typical size
-    b = 0.05–0.3 in weakly filled elastomers; assumed for the gel. w = 0.1 is met at some 90 kPa in
-    a fresh actuator. q never exceeds q_m, so whatever the size the emulator's range is not left.
+    b = 0.05–0.3 in weakly filled elastomers; assumed for the gel. w = 0.1 is reached at some 90 kPa
+    in a fresh actuator. q never exceeds q_m, so the emulator's range is never left.
 
 Revealed by
     Unloading and later cycles above the first loading, and back on it beyond its largest pressure,
-    however long or short the holds.
+    regardless of holds.
 
 Refuted by
-    A second loading that repeats the first; a lag on unloading that a wait undoes.
+    A second loading that repeats the first; a lag on unloading that recovers with time.
 
 Source
     Ogden and Roxburgh (1999), Proc. R. Soc. A 455:2861, doi:10.1098/rspa.1999.0431.
@@ -37,15 +37,15 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
 from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
 
-ROUNDS = 30  # of Newton's method and bisection, which together need some six
-EXACT = 1e-10  # relative change at which they end
-SHARPEST = 1e-12  # of the onset; below, it is a step whatever it is
-LEAST = 1e-200  # load below which its gain is lost in rounding
+ROUNDS = 30  # of Newton's method and bisection, about six suffice
+EXACT = 1e-10  # relative change at convergence
+SHARPEST = 1e-12  # width of the onset; below it, the onset is a step
+LEAST = 1e-200  # load below which the gain is lost in rounding
 KILO = 1e-3  # kPa in MPa
 
 
 def soften_below_largest(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
-    """Return inputs at the load that material never stretched would need for the same shape."""
+    """Return inputs at the load that virgin material would need for the same shape."""
     largest = np.maximum.accumulate(inputs.pressure, axis=-1)
     scale = inputs.c1 / KILO * np.sqrt(np.maximum(effect["onset"], SHARPEST))
     load = inputs.pressure / scale
@@ -90,7 +90,7 @@ def unsoftened(load: Floats, largest: Floats, softening: Floats) -> Floats:
 
 
 def ratio_to_largest(pressure: Floats) -> Floats:
-    """Return pressures over the largest on the specimen so far; 1 where there was none yet.
+    """Return pressures over the specimen's largest so far; 1 before any.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def ratio_to_largest(pressure: Floats) -> Floats:
 
 
 def first_loading_only(conditions: Conditions) -> str | None:
-    """Say so where no actuator was read below a pressure that it had met before."""
+    """Say so where no actuator was read below its largest pressure so far."""
     pressure = conditions.pressure
     again = (pressure > 0.0) & (ratio_to_largest(pressure) < 1.0)
     return None if np.any(again) else "no reading after the first loading"
@@ -117,20 +117,20 @@ CAUSE = Cause(
             "softening",
             TruncatedNormal(0.0, 0.15, 0.0, 0.9),
             "–",
-            "share of the stiffness at small loads that a much larger load takes away",
+            "share of the stiffness at small loads lost after a much larger load",
             0.0,
         ),
         Parameter(
             "onset",
             LogNormal(0.1, 1.0),
             "–",
-            "square of the pressure over C1 about which the softening sets in",
+            "square of pressure over C1 at which softening sets in",
             0.1,
         ),
     ),
     mechanism="the first loading softens the material up to the largest pressure it reached",
     typical={"softening": 0.2, "onset": 0.1},
-    revealed_by="unloading and later cycles above the first loading, whatever the holds; refuted "
+    revealed_by="unloading and later cycles above the first loading, regardless of holds; refuted "
     "by a second loading that repeats the first",
     confusable_with=("creep",),
     on_inputs=soften_below_largest,

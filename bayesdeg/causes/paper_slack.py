@@ -1,11 +1,11 @@
-"""Paper slack: cockled or partly debonded paper engages late.
+"""Paper slack: cockled or partly debonded paper carries load late.
 
 Mechanism
-    Paper that dried together with the gel lies in waves, or has come off in places. It must be
-    pulled straight before it carries anything.
+    Paper that dried together with the gel is wavy, or has detached in places. It must be pulled
+    straight before it carries load.
 
 Equation
-    Next to nothing is carried at strains below ε_s, the full stiffness far beyond:
+    Hardly any load at strains below ε_s, the full stiffness far beyond:
     energy k (q²/2 − ε_s² ln cosh(q/ε_s)), q the strain of the paper, in the finite element model.
 
 Typical size
@@ -18,7 +18,7 @@ Revealed by
     stiff specimens than in soft ones.
 
 Refuted by
-    Flat paper bonded all over; a misfit that grows with pressure.
+    Flat, fully bonded paper; a misfit that grows with pressure.
 
 Source
     Alava and Niskanen (2006), Rep. Prog. Phys. 69:669, doi:10.1088/0034-4885/69/3/R03, for paper
@@ -34,7 +34,7 @@ from bayesdeg.priors import Parameter, TruncatedNormal
 
 
 def slacken_paper(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
-    """Return inputs with the strain before the paper engages longer by ε_s."""
+    """Return inputs with the paper's slack increased by ε_s."""
     before = 0.0 if inputs.paper_slack is None else inputs.paper_slack
     return replace(inputs, paper_slack=before + effect["slack"])
 
@@ -47,14 +47,14 @@ CAUSE = Cause(
             "slack",
             TruncatedNormal(0.0, 0.015, 0.0, 0.05),
             "–",
-            "strain within which the paper carries next to nothing",
+            "strain below which the paper carries hardly any load",
             0.0,
         ),
     ),
     mechanism="the paper is cockled or partly debonded and carries load only once pulled straight",
     typical={"slack": 0.01},
     revealed_by="a misfit that is largest at low pressure and fades, later in stiff specimens; "
-    "refuted by flat paper bonded all over",
+    "refuted by flat, fully bonded paper",
     confusable_with=("pressure_offset", "film_mismatch"),
     on_inputs=slacken_paper,
     blind_in=without_membrane,

@@ -1,27 +1,27 @@
-"""Paper softening: paper that lay in wet soil stretches.
+"""Paper softening: paper buried in wet soil becomes extensible.
 
 Mechanism
-    The paper on the bottom is taken to be as stiff as when it was bonded. Wet, its fibre bonds
+    The paper on the bottom is assumed as stiff as when it was bonded. When wet, its fibre bonds
     loosen and microbes cut the fibres, so the bottom stretches with the rest of the actuator.
 
 Equation
-    E t = (E t)_0 exp(−a (D/25 %)^n), n = 1 if paper and gel go on together.
+    E t = (E t)_0 exp(−a (D/25 %)^n), n = 1 if paper and gel degrade together.
 
 Typical size
     Wet paper keeps 2–5 % of its dry stiffness, a = 3–4; after drying most returns, a = 0–2. The
     default actuator bends by its slots alone: its curvature gets *larger* by 9–11 % at 25 % for
-    a = 2.1, a little more at low pressure. In a body without slots, which the paper alone makes
-    bend, most of the curvature is lost instead. The emulator is trained down to E t/(C1 s) =
-    2.5 mm: at 25 % and the nominal paper that is a = 2.1; a specimen beyond it is refused.
-    Fibres that are cut at a constant rate, while the degradation rate tends to some 30 %, soften as
-    with n = 1.4 to 2.1; bonds that water opens within hours, as with n near 0.
+    a = 2.1, a little more at low pressure. A body without slots bends only because of the paper and
+    loses most of its curvature instead. The emulator is trained down to E t/(C1 s) = 2.5 mm: at
+    25 % and the nominal paper that is a = 2.1; a specimen beyond it is refused. Fibres cut at a
+    constant rate, while the degradation rate tends to some 30 %, soften as with n = 1.4 to 2.1;
+    bonds opened by water within hours, as with n near 0.
 
 Revealed by
-    A misfit that grows with the degradation rate and is absent in fresh specimens; it falls a
-    little with pressure, other than that of thinner walls.
+    A misfit that grows with the degradation rate and is absent in fresh specimens; unlike that of
+    thinner walls, it falls a little with pressure.
 
 Refuted by
-    A tensile test of the paper, peeled off a degraded actuator.
+    A tensile test of paper peeled off a degraded actuator.
 
 Source
     Alava and Niskanen (2006), Rep. Prog. Phys. 69:669, doi:10.1088/0034-4885/69/3/R03, for paper
@@ -52,7 +52,7 @@ CAUSE = Cause(
             "softening",
             TruncatedNormal(0.0, 0.8, 0.0, 4.0),
             "–",
-            "ln of fresh over degraded stiffness of the paper at a degradation rate of 25 %",
+            "ln of the ratio of fresh to degraded paper stiffness at a degradation rate of 25 %",
             0.0,
         ),
         GROWTH,
@@ -60,7 +60,7 @@ CAUSE = Cause(
     mechanism="the paper on the bottom softens in the wet soil and stretches",
     typical={"softening": 1.5, "growth": 1.0},
     revealed_by="a misfit that grows with the degradation rate and falls a little with pressure; "
-    "refuted by a tensile test of the paper peeled off",
+    "refuted by a tensile test of the peeled paper",
     confusable_with=("delamination", "degradation_misread", "degraded_skin", "erosion"),
     twins=("delamination",),
     on_inputs=soften_paper,

@@ -1,29 +1,29 @@
 """Pressure loss: a leak between sensor and chambers.
 
 Mechanism
-    Air flows through a leak, and the tubing between sensor and actuator takes a share of the
-    pressure, so that the chambers get a fraction of what is read. A gas expands on its way: the
-    flow through a tube, or through a leak behind it, goes with the difference of the squares of
-    absolute pressures, so that the share that is lost falls with pressure.
+    Air flows through a leak, and the pressure drop along the tubing between sensor and actuator
+    leaves the chambers at a fraction of the reading. A gas expands on its way: the flow through a
+    tube, or through a leak behind it, is proportional to the difference of the squares of absolute
+    pressures, so the lost share falls with pressure.
 
 Equation
-    p_true = √((1 − φ)(p + p₀)² + φ p₀²) − p₀, with p₀ = 101.325 kPa the pressure of the air
-    outside and φ the share of the tubing in the resistance of both: of a small pressure φ is lost,
-    of 200 kPa about 0.7 φ.
+    p_true = √((1 − φ)(p + p₀)² + φ p₀²) − p₀, with p₀ = 101.325 kPa the ambient pressure and φ the
+    tubing's share of the total flow resistance: φ of a small pressure is lost, about 0.7 φ of
+    200 kPa.
 
 Typical size
-    0–20 %: estimated from the flow resistance of thin tubing against a slow leak. A leak only takes
-    away; a gauge that is off either way is ``gauge_gain``.
+    0–20 %: estimated from the flow resistance of thin tubing and a slow leak. A leak only lowers
+    the pressure; a gauge that errs either way is ``gauge_gain``.
 
 Revealed by
     A loss of curvature at every degradation rate, in a ratio that falls slowly with pressure: for
-    φ = 0.2, 0.86 φ of 50 kPa are lost, and 0.70 φ of 200 kPa. The smaller the pressures, the less
-    tells it from a stiffer casting (``film_mismatch``) by curvature alone, which depends on p/C1
-    alone; a second pressure sensor can. A liquid in the place of air loses the same share of any
-    pressure, which is read as a stiffer casting.
+    φ = 0.2, 0.86 φ of 50 kPa are lost, and 0.70 φ of 200 kPa. At small pressures curvature alone,
+    which depends on p/C1 only, hardly tells it from a stiffer casting (``film_mismatch``); a second
+    pressure sensor does. A liquid instead of air loses the same share at any pressure, which looks
+    like a stiffer casting.
 
 Refuted by
-    A pressure sensor at the far end of the chambers that reads the same.
+    A pressure sensor at the far end of the chambers that agrees.
 
 Source
     doi:10.3389/frobt.2021.760485 for the pneumatic setup; the size is estimated, not published.
@@ -45,7 +45,7 @@ ATMOSPHERE = 101.325  # kPa, of the standard atmosphere
 
 
 def lose_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
-    """Return inputs at the pressure behind a leak, and counted from one alike.
+    """Return inputs at the pressure behind the leak, with the reference pressure lowered alike.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def lose_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inp
 
 
 def _behind(pressure: Floats, lost: Floats) -> Floats:
-    """Return the pressure left: φ p (p + 2 p₀)/(P₁ + P₂) is lost, so that φ = 0 changes no bit."""
+    """Return the pressure left: φ p (p + 2 p₀)/(P₁ + P₂) is lost, exactly 0 for φ = 0."""
     before = pressure + ATMOSPHERE
     behind = np.sqrt((1.0 - lost) * before**2 + lost * ATMOSPHERE**2)
     found: Floats = pressure * (1.0 - lost * (before + ATMOSPHERE) / (before + behind))
@@ -81,11 +81,11 @@ CAUSE = Cause(
             "fraction",
             TruncatedNormal(0.0, 0.1, 0.0, 0.9),
             "–",
-            "fraction of a small pressure read that is lost before the chambers",
+            "fraction of a small recorded pressure lost before the chambers",
             0.0,
         ),
     ),
-    mechanism="a leak: the pressure in the chambers is a fraction of that read",
+    mechanism="a leak: the pressure in the chambers is a fraction of the reading",
     typical={"fraction": 0.1},
     revealed_by="a loss of curvature at every degradation rate, in a ratio that falls slowly with "
     "pressure; refuted by a second sensor at the far end",

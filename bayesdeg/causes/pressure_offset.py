@@ -1,8 +1,8 @@
 """Pressure offset: the sensor's zero is off, or a valve opens only above a threshold.
 
 Mechanism
-    The pressure in the chambers is that read less a constant, and never below zero. The reading
-    of the curvature is set to zero at a reading of zero pressure, whatever the true pressure is.
+    The pressure in the chambers is the reading minus a constant, and never below zero. The
+    curvature is zeroed at a reading of zero pressure, whatever the true pressure is.
 
 Equation
     p_true = max(p − δ, 0); the curvature read is κ(p_true) − κ(max(−δ, 0)).
@@ -32,7 +32,7 @@ from bayesdeg.priors import Normal, Parameter
 
 
 def shift_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
-    """Return inputs at p − δ, with the reading's zero at the true pressure of a zero reading."""
+    """Return inputs at p − δ, with curvature zeroed at the true pressure of a zero reading."""
     offset = effect["offset"]
     return replace(
         inputs,
@@ -45,10 +45,10 @@ CAUSE = Cause(
     name="pressure_offset",
     stage=Stage.LOAD,
     parameters=(
-        Parameter("offset", Normal(0.0, 10.0), "kPa", "pressure read but not in the chambers", 0.0),
+        Parameter("offset", Normal(0.0, 10.0), "kPa", "pressure read minus that in chambers", 0.0),
     ),
-    mechanism="the pressure in the chambers is lower (or higher) than that read by a constant: "
-    "the sensor's zero, or the threshold of a valve",
+    mechanism="the pressure in the chambers is lower (or higher) than the reading by a constant: "
+    "a zero error of the sensor, or the threshold of a valve",
     typical={"offset": 14.0},
     revealed_by="the curve starts late or with a jump, by the same pressure at every degradation "
     "rate; refuted by curvature proportional to pressure from the first step on",

@@ -1,24 +1,24 @@
-"""Shrinkage reading: the volume ratio is of another state, or was taken for a linear factor.
+"""Shrinkage reading: the volume ratio is of a different state, or was taken for a linear factor.
 
 Mechanism
-    The part is smaller (or larger) than the linear scale α^(1/3) says: α may be the ratio of cured
-    to conditioned volume and not of the mould to the part, or have been meant as a linear factor.
-    A part of the same shape but another size bends by the same angle at the same pressure, over
-    another length.
+    The part is smaller (or larger) than the linear scale α^(1/3): α may be the ratio of cured to
+    conditioned volume rather than of mould to part, or may have been meant as a linear factor. A
+    part of the same shape but different size bends by the same angle at the same pressure, over a
+    different length.
 
 Equation
-    s = (1 + x) α^(1/3); the curvature goes with 1/s, the bend angle stays.
+    s = (1 + x) α^(1/3); the curvature scales with 1/s, the bend angle is unchanged.
 
 Typical size
-    The readings of α differ by x = −0.18 … −0.27 (s = 0.62–0.70 instead of 0.853): curvature up to
-    1.38 times. The angle changes by the paper's part alone, 0.1–0.3 %.
+    The interpretations of α differ by x = −0.18 … −0.27 (s = 0.62–0.70 instead of 0.853): curvature
+    up to 1.38 times. The angle changes by the paper's share only, 0.1–0.3 %.
 
 Revealed by
     A ratio of curvatures that is constant in pressure and degradation rate, while the bend angle
-    shows no misfit.
+    fits.
 
 Refuted by
-    The same misfit in the bend angle; a length of the part that agrees with α^(1/3).
+    The same misfit in the bend angle; a part whose length agrees with α^(1/3).
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485: Eqs 10–11, 17 and the text
@@ -45,11 +45,11 @@ CAUSE = Cause(
             "scale_error",
             TruncatedNormal(0.0, 0.12, -0.4, 0.4),
             "–",
-            "linear scale of the part over that read, less 1",
+            "true linear scale of the part over α^(1/3), minus 1",
             0.0,
         ),
     ),
-    mechanism="the part is smaller or larger than the volume ratio, as it was read, says",
+    mechanism="the part is smaller or larger than the recorded volume ratio implies",
     typical={"scale_error": -0.15},
     revealed_by="a ratio constant in pressure and degradation rate that the bend angle does not "
     "show; refuted by the same misfit in the bend angle",

@@ -1,9 +1,9 @@
-"""Uneven degradation: an actuator breaks at its most degraded place, not at its mean rate.
+"""Uneven degradation: an actuator breaks at its most degraded spot, not at its mean rate.
 
 Mechanism
     A degradation rate is a loss of moisture of a whole specimen: a mean over places that microbes
-    reached sooner and later, faces and cores, thin walls and thick ones. Stiffness is a mean too,
-    but a wall tears where it is weakest, and that is where it is most degraded.
+    reached sooner or later, faces and cores, thin walls and thick ones. Stiffness is a mean too,
+    but a wall tears where it is weakest, which is where it is most degraded.
 
 Equation
     The most degraded place has the rate D(1 + δ), and the limit there is the films' at that rate,
@@ -12,22 +12,22 @@ Equation
 
 Typical size
     δ about 0.15. A wall whose core has lost half of what its faces have, with a parabola between,
-    has faces at 1.2 of the mean; the worst of five places that differ with a standard deviation of
-    a tenth is at 1.12 on average. Hence a half-normal prior of 0.2. For the films of the source,
-    whose limit falls from 105 % at 12.5 % to 52 % at 25 % (b = 0.056 a point), δ = 0.15 lowers the
-    limit at 25 % by a fifth, and 0.4, two prior standard deviations, by 43 %. Two of three
-    actuators burst there at a fifth of the films' limit, which would take δ = ln 5/(0.056 · 25) =
-    1.15, an actuator of 25 % that is degraded by 54 % somewhere: alone it does not explain these.
+    has faces at 1.2 of the mean; the worst of five places with a standard deviation of a tenth is
+    at 1.12 on average. Hence a half-normal prior of 0.2. For the films of the source, whose limit
+    falls from 105 % at 12.5 % to 52 % at 25 % (b = 0.056 per point), δ = 0.15 lowers the limit at
+    25 % by a fifth, and 0.4, two prior standard deviations, by 43 %. Two of three actuators burst
+    there at a fifth of the films' limit, which would require δ = ln 5/(0.056 · 25) = 1.15, a 25 %
+    actuator degraded by 54 % somewhere: alone it does not explain these ruptures.
 
 Revealed by
     Ruptures somewhat below what the films' elongation at the recorded rate would bear, at all
     degraded levels, the more so the steeper the films' limit falls. It acts on the actuators'
-    rupture, not on films, whose own unevenness is in their limit already, and not on curvature,
-    where the skin of a wall shows as degraded skin.
+    rupture only: not on films, whose limit includes their own unevenness, nor on curvature, where
+    the skin of a wall shows as degraded skin.
 
 Refuted by
-    Degraded actuators that reach the pressure which the films' limit allows; like moisture in
-    pieces that are cut from all over one actuator; ruptures as early in fresh specimens.
+    Degraded actuators that reach the pressure which the films' limit allows; equal moisture in
+    pieces cut from all over one actuator; equally early ruptures of fresh specimens.
 
 Source
     Nagai, Kurita, Shintake (2021), doi:10.3389/frobt.2021.760485, for the films' limits and for
@@ -69,14 +69,14 @@ CAUSE = Cause(
             "excess",
             TruncatedNormal(0.0, 0.2, 0.0, np.inf),
             "–",
-            "degradation rate of an actuator's most degraded place over its mean, less 1",
+            "degradation rate of an actuator's most degraded spot over its mean, minus 1",
             0.0,
         ),
     ),
-    mechanism="an actuator breaks at its most degraded place, where films break at less strain",
+    mechanism="an actuator breaks at its most degraded spot, where the limit strain is lowest",
     typical={"excess": 0.15},
     revealed_by="ruptures somewhat below what the films' elongation would bear, at all degraded "
-    "levels; refuted by like moisture in pieces cut from all over one actuator",
+    "levels; refuted by equal moisture in pieces cut from all over one actuator",
     confusable_with=("flaw_embrittlement", "dry_embrittlement"),
     on_strength=at_most_degraded,
     blind=without_degraded,

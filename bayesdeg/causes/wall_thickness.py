@@ -1,22 +1,22 @@
 """Wall thickness: the walls are not as thick as drawn.
 
 Mechanism
-    Cores of a mould shift or bend, and walls shrink more across than along where the paper or the
-    mould holds them. Roof and walls of the part are thinner or thicker than the drawing, scaled,
-    says, while the outer faces are where they should be.
+    Mould cores shift or bend, and walls shrink more across than along where the paper or the mould
+    holds them. Roof and walls of the part are thinner or thicker than in the scaled drawing, while
+    the outer faces are where they should be.
 
 Equation
     Thickness of roof and walls = (1 + x) · nominal.
 
 Typical size
-    x up to ±0.1: curvature −19 % at +10 %, +23 % at −10 %. The emulator is trained for ±0.2, which
-    is where the prior ends; below x = −0.065 a fresh default actuator is so near to ballooning at
-    240 kPa that the emulator refuses this step.
+    x up to ±0.1: curvature −19 % at +10 %, +23 % at −10 %. The emulator is trained for ±0.2, where
+    the prior ends; below x = −0.065 a fresh default actuator is so near ballooning at 240 kPa that
+    the emulator refuses this step.
 
 Revealed by
     A ratio of curvatures that is nearly constant in pressure and the same at every degradation
-    rate, other than that of stiffness only near the largest pressures of soft specimens. The volume
-    of the cavity falls by half as much again as the curvature, which no stiffness does; a cut
+    rate; it differs from that of stiffness only near the largest pressures of soft specimens. The
+    cavity volume falls by half as much again as the curvature, which no stiffness does; a cut
     through the part.
 
 Refuted by
@@ -48,7 +48,7 @@ CAUSE = Cause(
             "excess",
             TruncatedNormal(0.0, 0.08, -0.2, 0.2),
             "–",
-            "thickness of roof and walls over the nominal one, less 1",
+            "true over nominal thickness of roof and walls, minus 1",
             0.0,
         ),
     ),

@@ -1,1 +1,1 @@
-"""A study folder becomes a study: tables, settings, faults and doubts."""
+"""Read a study folder: tables, settings, faults and doubts."""

@@ -1,4 +1,4 @@
-"""Rows that are added to the actuator.csv of a study that was read before."""
+"""Add rows to the actuator.csv of a study that was read before."""
 
 import csv
 import io
@@ -21,18 +21,18 @@ _ORIGIN = "__origin__"
 
 @dataclass(frozen=True)
 class Enlarged:
-    """A table of actuators with further rows.
+    """A table of actuators with added rows.
 
     Parameters
     ----------
     table : CheckedTable
         All rows, checked together.
     added : bytes
-        The rows that were added so far, as a CSV file.
+        All rows added so far, as a CSV file.
     specimens : tuple of str
-        Those of which there are new rows.
+        Specimens with new rows.
     rows : int
-        How many new rows there are.
+        Number of new rows.
     filled : tuple of str
         Columns in which new rows have a value.
     """
@@ -54,26 +54,26 @@ def enlarge(
 ) -> Enlarged:
     r"""Add rows to a table of actuators.
 
-    A row of a specimen that is there goes to where its pressure belongs in its cycle and branch; a
-    row with a time, or of another cycle, goes to the end of the specimen.
+    A row of a known specimen is inserted by pressure in its cycle and branch; a row with a time, or
+    of a different cycle, is appended to the specimen.
 
     Parameters
     ----------
     recorded : bytes
         The ``actuator.csv`` of the study.
     earlier : bytes, optional
-        Rows that were added before.
+        Rows added before.
     new : bytes
         The new rows, with the columns of ``actuator.csv``.
     file : str
-        Their name, for messages.
+        Name of the new file, for messages.
     degradation_sd_pct : float
         Standard error of a degradation rate where none is recorded [%].
 
     Raises
     ------
     StudyError
-        With every fault of the new rows.
+        Lists every fault of the new rows.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def enlarge(
 
 
 def _texts(content: bytes, file: str) -> pd.DataFrame:
-    """Return cells as they stand, with file and line of each row."""
+    """Return cells as text, with file and line of each row."""
     cells, faults = read_cells(content, file)
     if cells is None or faults:
         raise StudyError(faults)
@@ -117,18 +117,19 @@ def _texts(content: bytes, file: str) -> pd.DataFrame:
 def _alone(
     content: bytes, file: str, rows: pd.DataFrame, before: pd.DataFrame, sd: float
 ) -> Iterator[Fault]:
-    """Yield what is wrong with the new rows by themselves."""
+    """Yield faults of the new rows on their own."""
     named = pa.DataFrameSchema(dict(ACTUATOR.columns), list(ACTUATOR.checks), name=file)
     found = check_table(content, named, degradation_sd_pct=sd).faults
     yield from found
     known = [*ACTUATOR.columns, *(n for n in before if n not in (*ACTUATOR.columns, _ORIGIN))]
     for name in rows:
         if name not in (*known, _ORIGIN, *(fault.column for fault in found)):
-            yield Fault(file, f"is no column of {FILE}", use_one_of(str(name), known), 1, str(name))
+            problem = f"is not a column of {FILE}"
+            yield Fault(file, problem, use_one_of(str(name), known), 1, str(name))
 
 
 def _merged(before: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """Return all rows, those of a specimen together."""
+    """Return all rows, grouped by specimen."""
     whole = before
     for specimen, new in rows.groupby(SPECIMEN, sort=False):
         for _, row in new.iterrows():
@@ -139,7 +140,7 @@ def _merged(before: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _place(whole: pd.DataFrame, specimen: str, row: pd.Series) -> int:
-    """Return before which row a new one of a specimen belongs."""
+    """Return the position at which a specimen's new row is inserted."""
     own = [i for i, name in enumerate(whole[SPECIMEN]) if name == specimen]
     if not own:
         return len(whole)
@@ -156,7 +157,7 @@ def _place(whole: pd.DataFrame, specimen: str, row: pd.Series) -> int:
 
 
 def _path(row: pd.Series) -> tuple[float, str]:
-    """Return cycle and branch of a row, the first loading where nothing stands there."""
+    """Return cycle and branch of a row; empty cells mean the first loading."""
     return _number(row.get(CYCLE) or "1"), str(row.get(BRANCH) or "loading")
 
 
@@ -166,7 +167,7 @@ def _number(text: object) -> float:
 
 
 def _to_csv(texts: pd.DataFrame) -> bytes:
-    """Return cells as a file; in quotation marks where a name might be taken for a comment."""
+    """Return cells as a file, quoting names that would read as comments."""
     hashed = any(str(cell).startswith("#") for cell in texts.iloc[:, 0])
     text = io.StringIO()
     texts.to_csv(text, index=False, quoting=csv.QUOTE_ALL if hashed else csv.QUOTE_MINIMAL)
@@ -174,7 +175,7 @@ def _to_csv(texts: pd.DataFrame) -> bytes:
 
 
 def _placed(fault: Fault, whole: pd.DataFrame, file: str) -> Fault:
-    """Return a fault of all rows together with the place where the user finds it."""
+    """Return a fault of the merged rows at its place in the user's file."""
     if fault.row is None:
         return replace(fault, file=file)
     where, line = whole[_ORIGIN].iloc[fault.row - 2]
@@ -182,13 +183,13 @@ def _placed(fault: Fault, whole: pd.DataFrame, file: str) -> Fault:
 
 
 def _after_rupture(frame: pd.DataFrame, whole: pd.DataFrame, file: str) -> Sequence[Fault]:
-    """Return new rows that would not be read, since their specimen had burst before."""
+    """Return faults for new rows that follow their specimen's rupture."""
     kept = frame[SPECIMEN].value_counts()
     return [
         Fault(
             file,
-            "has rows at pressures that it cannot have reached: it had burst before",
-            "give a specimen that burst no further rows; another one needs another specimen_id",
+            "has rows at pressures after it burst",
+            "remove rows after the rupture; give a different actuator a different specimen_id",
             specimen=str(name),
         )
         for name, there in whole.groupby(SPECIMEN, sort=False)

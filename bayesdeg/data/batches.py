@@ -1,4 +1,4 @@
-"""Of which batch each specimen is: the column ``batch``, as names and as numbers."""
+"""Batches of specimens: the column ``batch``, as names and as numbers."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 def recorded_batches(table: pd.DataFrame | None) -> dict[str, str]:
-    """Return the batch of each specimen of a table of which one is recorded, in its order.
+    """Return the recorded batch of each specimen of a table, in order of appearance.
 
     Examples
     --------
@@ -24,10 +24,10 @@ def recorded_batches(table: pd.DataFrame | None) -> dict[str, str]:
 
 
 def batch_order(tensile: pd.DataFrame | None, actuator: pd.DataFrame | None) -> tuple[str, ...]:
-    """Return the batches of films and actuators, that with which others are compared first.
+    """Return the batches of films and actuators, the reference batch first.
 
-    It is the batch of most films; where films record none, of most actuators. Those of actuators
-    follow by name, then those of films alone. The order of rows plays no part.
+    The reference is the batch of most films; where films record none, of most actuators. Other
+    batches of actuators follow by name, then those of films alone. Row order does not matter.
 
     Examples
     --------
@@ -46,14 +46,14 @@ def batch_order(tensile: pd.DataFrame | None, actuator: pd.DataFrame | None) -> 
 
 
 def batch_numbers(table: pd.DataFrame, order: Sequence[str]) -> NDArray[np.int64]:
-    """Return the place of each specimen's batch in an order; 0 where none is recorded.
+    """Return the index of each specimen's batch in an order; 0 where none is recorded.
 
     Parameters
     ----------
     table : DataFrame
-        Its specimens in the order in which they appear.
+        Specimens are taken in order of appearance.
     order : sequence of str
-        Of `batch_order`.
+        From `batch_order`.
 
     Returns
     -------

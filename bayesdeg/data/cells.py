@@ -1,4 +1,4 @@
-"""One CSV file: its bytes as lines, header and numbers, with the faults in them."""
+"""Split one CSV file into lines, header and numbers, and find the faults in them."""
 
 import csv
 import io
@@ -19,24 +19,24 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 THOUSANDS = re.compile(
     r"(?P<whole>[+-]?[1-9]\d{0,2}(?P<mark>[,.'’\s])\d{3}(?:(?P=mark)\d{3})*)(?:[.,](?P<rest>\d*))?"
 )
-#: One comma before three digits, which may be that of a decimal.
+#: One comma before three digits, which may be a decimal comma.
 ONE_COMMA = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 #: Dashes that word processors and spreadsheets put in place of a minus.
 DASH = re.compile("^[\u2010-\u2015\u2212]\\s*(?=[.\\d])")
-#: Written by no keyboard and seen by no reader: zero-width spaces, joiners and marks.
+#: Invisible characters: zero-width spaces, joiners and marks.
 INVISIBLE = re.compile("[\u00ad\u200b-\u200f\u2060\ufeff]")
 LINE_END = re.compile("\\s*[\r\n\v\f\x85\u2028\u2029]\\s*")
-#: Names of files are compared with those on the disk, and sources are quoted.
+#: Not normalised: file names are compared with those on disk, sources are quoted.
 AS_WRITTEN = ("file", "source")
-#: The first line by which a spreadsheet tells itself the separator.
+#: First line in which a spreadsheet declares its separator.
 SEPARATOR_LINE = re.compile(r'"?sep=.?"?\s*')
-#: In every unit of the contract; 1e9 s are thirty years.
+#: Holds in every unit of the contract; 1e9 s are thirty years.
 LARGEST = 1e9
 NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|na|n/a|null|none|-+|#n/a)", re.IGNORECASE)
 
 
 def read_number(text: str) -> float | tuple[str, str]:
-    """Read the number that a cell holds.
+    """Read the number in a cell.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def read_number(text: str) -> float | tuple[str, str]:
     Returns
     -------
     float or tuple of str
-        The number, or the problem and the remedy.
+        The number, or problem and remedy.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def read_number(text: str) -> float | tuple[str, str]:
     >>> read_number("0,25")
     ('is written with a decimal comma', 'write decimals with a point, 0.25')
     >>> read_number("25 %")
-    ('is not a number', 'give the number alone; the unit stands in the header')
+    ('is not a number', 'give the number alone; the unit belongs in the header')
     >>> read_number("1,000.8")
     ('is written with a thousands separator', 'write 1000.8')
     """
@@ -65,7 +65,7 @@ def read_number(text: str) -> float | tuple[str, str]:
             return value
         return "is too large for a measured value", f"give a number up to {LARGEST:g}"
     if DASH.match(text):
-        return "begins with a dash that is no minus sign", f"use -: {DASH.sub('-', text)}"
+        return "begins with a dash, not a minus sign", f"use -: {DASH.sub('-', text)}"
     if ONE_COMMA.fullmatch(text):
         point, whole = text.replace(",", "."), text.replace(",", "")
         return "is written with a comma", f"write {point}, or {whole} if it separates thousands"
@@ -79,17 +79,17 @@ def read_number(text: str) -> float | tuple[str, str]:
     if NOT_FINITE.fullmatch(text):
         return "is not a finite number", "leave the cell empty if nothing was recorded"
     if NUMBER.match(text):
-        return "is not a number", "give the number alone; the unit stands in the header"
+        return "is not a number", "give the number alone; the unit belongs in the header"
     return "is not a number", "give a number with a decimal point"
 
 
 def least_digit(texts: Iterable[str]) -> float:
-    """Return what one more in the last digit amounts to of the cell that is written finest.
+    """Return the resolution of the most finely written cell: one unit in its last digit.
 
     Parameters
     ----------
     texts : iterable of str
-        Cells of a column; what is no number does not count.
+        Cells of a column; those that are not numbers are ignored.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def least_digit(texts: Iterable[str]) -> float:
     return float(f"1e{min(exponents, default=0)}")
 
 
-IN_QUOTES = 'put a name that begins with # in quotation marks, "#1", and it is read as a name'
+IN_QUOTES = 'if a name begins with #, put it in quotation marks: "#1"'
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,10 @@ class Cells:
     header_row : int
         Line of the header, counted from 1.
     texts : pandas.DataFrame
-        Cells without the blanks around them and in the form of `normalised`; the index is the line
-        of the file.
+        Stripped cells in the form of `normalised`; the index is the line of the file.
     rows_in_comments : tuple of int
-        Lines that begin with ``#``, so that they are comments, but look like rows of data: the
-        name of a specimen may begin so.
+        Lines that begin with ``#``, so they are comments, but look like data rows: a specimen's
+        name may begin so.
     """
 
     file: str
@@ -132,7 +131,7 @@ class Cells:
 
 
 def normalised(text: str) -> str:
-    r"""Return a text in the one form of all that look alike.
+    r"""Return one form for all texts that look alike.
 
     Composed letters (NFC), no invisible characters, a blank for each line end, none at either end.
 
@@ -149,25 +148,24 @@ def read_cells(
 ) -> tuple[Cells | None, tuple[Fault, ...]]:
     r"""Split a CSV file into cells.
 
-    Lines that begin with ``#``, blank lines, rows of empty cells and a first line ``sep=,`` carry
-    nothing and are passed over, but counted.
+    Lines that begin with ``#``, blank lines, rows of empty cells and a first line ``sep=,`` are
+    skipped, but counted.
 
     Parameters
     ----------
     content : bytes
-        The file as it is on the disk, with or without byte order mark.
+        The file as stored, with or without byte order mark.
     file : str
         Its name, for the faults.
     columns : sequence of str
-        Names of which the header must have one, so that numbers in their place are no header.
+        The header must have at least one of these names; a row of numbers is not a header.
 
     Returns
     -------
     cells : Cells or None
-        ``None`` if the file cannot be split at all.
+        ``None`` if the file cannot be split.
     faults : tuple of Fault
-        What is wrong with the file as a whole, or with the number of cells of a row. Such a row
-        is left out.
+        Faults of the file as a whole, or wrong numbers of cells in a row. Such a row is omitted.
 
     Examples
     --------
@@ -191,7 +189,7 @@ def read_cells(
     if len(rows) == 1:
         problem, remedy = "has a header but no data", "add rows, or remove the file"
         if in_comments:
-            problem += f": lines that begin with # are comments, {len(in_comments)} of them here"
+            problem += f": {len(in_comments)} lines begin with # and count as comments"
             remedy = IN_QUOTES
         return None, (Fault(file, problem, remedy, header_row),)
     cells, faults = _assemble(rows, file)
@@ -199,7 +197,7 @@ def read_cells(
 
 
 def _rows_in_comments(text: str, header: list[str], header_row: int) -> tuple[int, ...]:
-    """Return the comments below the header with as many cells as it, of which one is a number."""
+    """Return comments below the header that have as many cells as it, one of them a number."""
     found = []
     for row, line in enumerate(io.StringIO(text, newline=""), start=1):
         if row <= header_row or not line.startswith("#") or line.count(",") < len(header) - 1:
@@ -220,12 +218,12 @@ def _decode(content: bytes, file: str) -> str | Fault:
         return Fault(file, "is not UTF-8 text", remedy, row, value=value)
     if "\0" in text:
         row = text.count("\n", 0, text.index("\0")) + 1
-        return Fault(file, "holds a zero byte, so it is not UTF-8 text", remedy, row)
+        return Fault(file, "contains a zero byte, so it is not UTF-8 text", remedy, row)
     return text
 
 
 def _is_read(column: Sequence[str]) -> bool:
-    """Whether the cells below a name, if there is one, are read; others are kept as they are."""
+    """Whether the cells of a named column are read; others are kept unchanged."""
     return any(name in QUANTITIES and name not in AS_WRITTEN for name in column)
 
 
@@ -237,7 +235,7 @@ def _split(text: str, file: str) -> list[tuple[int, list[str]]] | Fault:
         nonlocal line
         for raw in io.StringIO(text, newline=""):
             line += 1
-            # the reader must see a line for a line, or the count of lines goes astray
+            # the reader must see every line, or line numbers are wrong
             skipped = raw.startswith("#") or (line == 1 and SEPARATOR_LINE.fullmatch(raw))
             yield "\n" if skipped else raw
 
@@ -262,7 +260,7 @@ def _wrong_header(
 ) -> tuple[Fault, ...]:
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if len(header) == 1 and separator in header[0]:
-            problem = f"separates its columns by {name}"
+            problem = f"separates columns by {name}"
             remedy = "separate columns by commas and write decimals with a point"
             return (Fault(file, problem, remedy, row, value=header[0]),)
     if columns and not {*header} & {*columns} and any(NUMBER.fullmatch(name) for name in header):
@@ -273,7 +271,7 @@ def _wrong_header(
         Fault(file, f"has no name above column {i}", "name it or remove it", row) for i in unnamed
     ]
     twice = sorted({name for name in header if name and header.count(name) > 1})
-    problem, remedy = "stands twice in the header", "keep one of them"
+    problem, remedy = "is a duplicate column name", "keep one of them"
     return (*faults, *(Fault(file, problem, remedy, row, name) for name in twice))
 
 
@@ -296,18 +294,18 @@ def _assemble(rows: list[tuple[int, list[str]]], file: str) -> tuple[Cells, tupl
 
 def _ragged(cells: list[str], wanted: int, place: Fault) -> Fault:
     if len(cells) > wanted:
-        problem = f"has too many cells: {len(cells)} where the header names {wanted}"
+        problem = f"has too many cells: {len(cells)}, but the header has {wanted}"
         remedy = (
-            "write numbers with a decimal point and no thousands separator, and put texts with a "
-            "comma in quotation marks"
+            "write numbers with a decimal point and no thousands separator, and put texts that "
+            "contain a comma in quotation marks"
         )
     else:
-        problem = f"has too few cells: {len(cells)} where the header names {wanted}"
-        remedy = "leave a cell empty, with its comma, where nothing was recorded"
+        problem = f"has too few cells: {len(cells)}, but the header has {wanted}"
+        remedy = "where nothing was recorded, leave the cell empty but keep its comma"
     return Fault(place.file, problem, remedy, place.row, value=",".join(cells))
 
 
-#: Endings by which a column is taken for the same quantity in another unit.
+#: Endings that mark the same quantity in a different unit.
 UNITS = frozenset(
     {"pa", "hpa", "kpa", "mpa", "gpa", "bar", "mbar", "psi", "atm", "mmhg", "n_per_mm2"}
     | {"ug", "mg", "g", "kg", "um", "mm", "cm", "m", "per_mm", "per_cm", "per_m", "deg", "rad"}
@@ -319,24 +317,23 @@ UNITS = frozenset(
 def check_header(
     names: Sequence[str], place: Fault, *, required: Iterable[str], optional: Iterable[str]
 ) -> dict[str, Fault]:
-    """Find columns that are missing, misspelt or in another unit.
+    """Find columns that are missing, misspelt or in a different unit.
 
-    A column that is neither listed nor like a listed one that is absent is nobody's fault: it is
-    kept.
+    A column that is neither listed nor similar to an absent listed one is not a fault: it is kept.
 
     Parameters
     ----------
     names : sequence of str
-        The header as it stands.
+        The header as written.
     place : Fault
         Carries file and row of the header.
     required, optional : iterable of str
-        Columns that must and that may be there.
+        Required and optional columns.
 
     Returns
     -------
     dict of str to Fault
-        One for each column that should be there, not for each row.
+        One for each expected column, not for each row.
 
     Examples
     --------
@@ -355,7 +352,7 @@ def check_header(
         for name in names
         if name != column and name.casefold() == column.casefold()
     }
-    # `stress_MPa_raw` beside `stress_MPa` is the user's own
+    # `stress_MPa_raw` next to `stress_MPa` is the user's own
     unlisted = [name for name in names if name not in listed and not name.startswith(there)]
     faults = twice
     for column in (*required, *optional):
@@ -379,11 +376,11 @@ def _blame(
         if name.casefold() == column.casefold():
             return _in_capitals(name, column, place, is_there=False)
         if _is_other_unit(name, column):
-            problem = "does not name the unit it should"
+            problem = "has the wrong unit in its name"
             remedy = f"give it{wanted} and name the column {column}"
             return Fault(place.file, problem, remedy, place.row, name)
     best = nearest(column, unlisted, cutoff=0.7 if is_required else 0.8)
-    # an unlisted column is the user's own unless it can hardly be anything but a slip
+    # an unlisted column is the user's own unless it is almost certainly a misspelling
     if best is not None and (is_required or best[0].casefold() == column[0].casefold()):
         problem, remedy = "is not a known column", f"did you mean {column!r}? Rename it"
         return Fault(place.file, problem, remedy, place.row, best)
@@ -394,17 +391,17 @@ def _blame(
 
 
 def _in_capitals(name: str, column: str, place: Fault, *, is_there: bool) -> Fault:
-    """Refuse a name that is that of a column but for its capitals."""
+    """Refuse a column name that differs from a known one only in capitals."""
     unit = "" if column == column.lower() else " but for the unit"
-    problem = "has other capitals than the column that is read"
+    problem = "is wrongly capitalised"
     remedy = f"write it in lower case{unit}: {column}"
     if is_there:
-        problem, remedy = f"is {column} in other capitals, which is there too", "remove one of them"
+        problem, remedy = f"duplicates {column} in different capitals", "remove one of them"
     return Fault(place.file, problem, remedy, place.row, name)
 
 
 def _is_other_quantity(name: str, column: str) -> bool:
-    """Whether a name is that of another table's column; minutes for seconds are a slip."""
+    """Whether a name is a column of a different table; minutes for seconds are a slip."""
     return name in QUANTITIES and stem(name) != name and (name, column) != ("time_min", "time_s")
 
 

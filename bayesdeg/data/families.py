@@ -1,4 +1,4 @@
-"""Families of actuators: what may be said of a constraint layer, and of segments with channels.
+"""Families of actuators: constraint layers, and segments with channels.
 
 The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 """
@@ -18,15 +18,15 @@ CONSTRAINTS: tuple[ConstraintKind, ...] = get_args(ConstraintKind)
 PASSIVES: tuple[Passive, ...] = get_args(Passive)
 SECTIONS: tuple[Section, ...] = get_args(Section)
 
-#: Limits of a dimension [mm] and of the number of chambers; beyond them no mesh can be made.
+#: Limits of a dimension [mm] and of the number of chambers; no mesh can be made beyond them.
 SMALLEST_MM, LARGEST_MM, MOST_CHAMBERS = 1e-3, 2000.0, 200
-#: Of a round section's radius, up to which channels may reach: less material than this cannot be
+#: Share of a round section's radius up to which channels may reach; thinner material cannot be
 #: meshed.
 INSIDE_ROUND = 0.97
 
 
 READ = {"is_read": True}
-"""Of fields that are no keys of ``study.toml``, since they follow from a file."""
+"""Fields that are not keys of ``study.toml``, since they follow from a file."""
 
 
 class Mould(Protocol):
@@ -50,35 +50,35 @@ class Mould(Protocol):
 
     @property
     def constraint_room(self) -> tuple[float, float]:
-        """Heights between which a layer runs through material alone [mm]."""
+        """Heights between which a layer runs through solid material [mm]."""
 
     @property
     def usual_height(self) -> float:
-        """Height at which the constraint layer lies if none is stated [mm]."""
+        """Default height of the constraint layer [mm]."""
 
     @property
     def beam_bending(self) -> float:
-        """Bend angle over p/C1 of a beam of the section, whose walls do not bulge [rad]."""
+        """Bend angle over p/C1 of a beam of this section, without bulging walls [rad]."""
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can be made of these dimensions."""
+        """Say why no actuator can have these dimensions."""
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """The layer that does not stretch, by which pressure bends the actuator.
+    """The inextensible layer that makes the actuator bend under pressure.
 
     Parameters
     ----------
     kind : {"paper", "film", "elastomer", "none"}
-        Paper and film are the same membrane with its bending stiffness. An elastomer is a slab
-        of another material in the place of the actuator's own, bonded to it. With none nothing
-        keeps the plane from stretching, and the curvature is read along it all the same.
+        Paper and film are the same membrane with its bending stiffness. An elastomer is a slab of
+        a different material in place of the actuator's own, bonded to it. With none, no layer
+        limits stretch; the curvature is still read along that plane.
     height : float, optional
-        Of its plane, which is the middle of a slab, over the bottom [mm]; by default the layer
-        lies on the bottom, or in the middle of an actuator with two halves.
+        Height of its mid-plane above the bottom [mm]; by default the layer lies on the bottom, or
+        in the middle of an actuator with two halves.
     thickness : float
-        Of a slab of elastomer [mm]; that of a membrane belongs to the paper.
+        Of an elastomer slab [mm]; a membrane's is that of the paper.
     c1, c2, c3 : float
         Yeoh constants of an elastomer [kPa].
 
@@ -97,17 +97,17 @@ class Constraint:
 
     @property
     def is_there(self) -> bool:
-        """Whether there is a layer at all."""
+        """Whether there is a layer."""
         return self.kind != "none"
 
     @property
     def is_membrane(self) -> bool:
-        """Whether it is a membrane in its plane."""
+        """Whether it is a membrane."""
         return self.kind in ("paper", "film")
 
     @property
     def is_slab(self) -> bool:
-        """Whether it is a slab of an elastomer with a thickness of its own."""
+        """Whether it is an elastomer slab of finite thickness."""
         return self.kind == "elastomer"
 
     @property
@@ -139,12 +139,12 @@ class Constraint:
         return middle - 0.5 * self.thickness, middle + 0.5 * self.thickness
 
     def problems(self, mould: Mould) -> tuple[str, ...]:
-        """Say why the layer cannot lie in an actuator of these possible dimensions.
+        """Say why the layer does not fit in an actuator of these valid dimensions.
 
         Returns
         -------
         tuple of str
-            What is wrong and, after a semicolon, what to do; empty if it can.
+            What is wrong and, after a semicolon, what to do; empty if it fits.
 
         Examples
         --------
@@ -158,15 +158,15 @@ class Constraint:
         if low <= at <= high:
             return ()
         return (
-            f"the constraint layer at a height of {at:g} mm would cut the channels or lie outside; "
+            f"the constraint layer at {at:g} mm would cut the channels or leave the actuator; "
             f"give [constraint] height from {low:g} to {high:g} mm",
         )
 
     def _wrong_constants(self) -> tuple[str, ...]:
-        """Say what is wrong with an elastomer; ∂W/∂I₁ > 0 at every strain as of the body."""
+        """Say what is wrong with an elastomer; as in the body, ∂W/∂I₁ > 0 at every strain."""
         if not (isfinite(self.thickness) and self.thickness >= SMALLEST_MM):
             return (
-                f"an elastomer layer {self.thickness:g} mm thick cannot be made; "
+                f"an elastomer layer {self.thickness:g} mm thick is too thin; "
                 f"give [constraint] thickness of at least {SMALLEST_MM:g} mm",
             )
         if not (isfinite(self.c1) and self.c1 > 0.0):
@@ -177,8 +177,8 @@ class Constraint:
         if self.c3 >= 0.0 and (self.c2 >= 0.0 or self.c2 > lowest):
             return ()
         return (
-            f"an elastomer with C2 = {self.c2:g} and C3 = {self.c3:g} kPa softens to nothing when "
-            f"stretched; give C3 not below 0 and C2 above {lowest:g} kPa",
+            f"an elastomer with C2 = {self.c2:g} and C3 = {self.c3:g} kPa loses all stiffness when "
+            f"stretched; give C3 of at least 0 and C2 above {lowest:g} kPa",
         )
 
     def _wrong_slab(self, mould: Mould) -> tuple[str, ...]:
@@ -186,9 +186,9 @@ class Constraint:
         if room[0] - slack <= slab[0] and slab[1] <= room[1] + slack:
             return ()
         return (
-            f"an elastomer layer from {slab[0]:g} to {slab[1]:g} mm would cut the channels or lie "
-            f"outside; give [constraint] height and thickness with which it lies between "
-            f"{room[0]:g} and {room[1]:g} mm",
+            f"an elastomer layer from {slab[0]:g} to {slab[1]:g} mm would cut the channels or "
+            "leave the actuator; choose [constraint] height and thickness so that it "
+            f"lies between {room[0]:g} and {room[1]:g} mm",
         )
 
 
@@ -197,29 +197,29 @@ class RibbedDimensions:
     """Dimensions of a ribbed segment as moulded, before shrinkage; all lengths in mm.
 
     A block with rectangular slits across, joined by passages along its middle. The defaults are
-    those of the ribbed segment of Marchese, Katzschmann and Rus, doi:10.1089/soro.2014.0022, as
-    far as they are stated.
+    those of the ribbed segment of Marchese, Katzschmann and Rus, doi:10.1089/soro.2014.0022, as far
+    as stated.
 
     Parameters
     ----------
     length, width, height : float
-        Outer length, width and height of the whole, both halves included [mm].
+        Outer length, width and height, including both halves [mm].
     channels : int
-        Number of slits in a row; they stand in the middle of the length.
+        Number of slits in a row, centred along the length.
     channel_length, channel_width, channel_height : float
         One slit: along and across the actuator, and its depth [mm].
     pitch : float
         From one slit to the next [mm]. The default leaves ribs of 1.76 mm, one of the factors in
-        the authors' sum of the cavity, of which the sum does not say which side it is: assumed.
+        the authors' sum of the cavity, which does not say which dimension it is: assumed.
     cover : float
-        Material over the slits [mm]; not stated by the authors. The default is what a centre layer
-        of 1 mm leaves, onto which the slits open: assumed.
+        Material over the slits [mm]; not stated by the authors. The default is what remains with a
+        centre layer of 1 mm onto which the slits open: assumed.
     passage_width, passage_height : float
-        The passages through the ribs, on the floor of the slits [mm]; which of the factors is
-        which, and that they are on the floor, is assumed.
+        The passages through the ribs, on the floor of the slits [mm]; which factor is which, and
+        their place on the floor, are assumed.
     passive : {"open", "pressurised", "solid", "none"}
         The other half, a mirror image: its channels open to the air, under the same pressure,
-        or none in it; or no other half at all.
+        or absent (solid); or no other half.
 
     Examples
     --------
@@ -249,12 +249,12 @@ class RibbedDimensions:
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether there are channels in the other half too."""
+        """Whether the other half has channels too."""
         return self.passive in ("open", "pressurised")
 
     @property
     def end_wall(self) -> float:
-        """Material before the first and behind the last slit [mm]."""
+        """Material before the first and after the last slit [mm]."""
         return 0.5 * (self.length - self._row)
 
     @property
@@ -264,17 +264,17 @@ class RibbedDimensions:
 
     @property
     def floor(self) -> float:
-        """Height of the floor of the slits over the bottom [mm]."""
+        """Height of the floor of the slits above the bottom [mm]."""
         return self.height - self.cover - self.channel_height
 
     @property
     def usual_height(self) -> float:
-        """Height of the constraint layer if none is stated: the middle, or the bottom [mm]."""
+        """Default height of the constraint layer: the middle, or the bottom [mm]."""
         return 0.0 if self.passive == "none" else 0.5 * self.height
 
     @property
     def constraint_room(self) -> tuple[float, float]:
-        """Heights between which a layer runs through material alone [mm]."""
+        """Heights between which a layer runs through solid material [mm]."""
         return (self.cover + self.channel_height if self.is_mirrored else 0.0), self.floor
 
     @property
@@ -283,8 +283,8 @@ class RibbedDimensions:
 
         .. math:: \theta = \frac{p A z_c}{6 C_1 I} n l, \qquad I = \int z^2 dA
 
-        with A and :math:`z_c` area of a slit across the length and height of its middle over the
-        usual plane of the constraint, which does not stretch; n slits of length l bend, ribs do
+        with A and :math:`z_c` the cross-section of a slit and the height of its middle above the
+        default plane of the constraint, which does not stretch; n slits of length l bend, ribs do
         not.
         """
         plane, top, low = self.usual_height, self.height - self.cover, self.floor
@@ -299,7 +299,7 @@ class RibbedDimensions:
         return (self.channels - 1) * self.pitch + self.channel_length
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can be made of these dimensions.
+        """Say why no actuator can have these dimensions.
 
         Returns
         -------
@@ -310,7 +310,7 @@ class RibbedDimensions:
         Examples
         --------
         >>> RibbedDimensions(cover=7.0).problems()[0].partition("; ")[2]
-        'give a cover or a channel_height that is smaller'
+        'give a smaller cover or channel_height'
         """
         return _wrong_values(self) or self._wrong_sums() or self._wrong_passages()
 
@@ -338,7 +338,7 @@ class RibbedDimensions:
             wrong.append(
                 f"cover and slits ({self.cover + self.channel_height:g} mm) leave nothing under "
                 f"the slits in the {half} ({room:g} mm); "
-                "give a cover or a channel_height that is smaller"
+                "give a smaller cover or channel_height"
             )
         return tuple(wrong)
 
@@ -346,7 +346,7 @@ class RibbedDimensions:
         if self.channels == 1:
             return ()
         return tuple(
-            f"passage_{side} of {passage:g} mm is more than the slits' {slit:g} mm; "
+            f"passage_{side} of {passage:g} mm exceeds the slits' {slit:g} mm; "
             f"give at most channel_{side}"
             for side, passage, slit in (
                 ("width", self.passage_width, self.channel_width),
@@ -362,25 +362,25 @@ class CylindricalDimensions:
 
     A block, or a round bar, with rectangular channels along it, side by side over the middle of its
     width, closed at both ends. The defaults are those of the cylindrical segment of Marchese,
-    Katzschmann and Rus, doi:10.1089/soro.2014.0022, as far as they are stated.
+    Katzschmann and Rus, doi:10.1089/soro.2014.0022, as far as stated.
 
     Parameters
     ----------
     length, width, height : float
-        Outer length, width and height of the whole, both halves included [mm].
+        Outer length, width and height, including both halves [mm].
     channels : int
         Number of channels side by side in a half.
     channel_length, channel_width, channel_height : float
         One channel, in the middle of the length [mm].
     pitch : float
-        From the middle of one channel to that of the next [mm]; of one channel it says nothing.
+        From the middle of one channel to that of the next [mm]; unused for a single channel.
     offset : float
-        Height of the channels' middle over the plane of the constraint layer where that usually
-        lies: the middle, or the bottom of an actuator with one half [mm]. Not stated by the
-        authors; the default puts the channel in the middle of its half: assumed.
+        Height of the channels' middle above the default plane of the constraint layer: the middle,
+        or the bottom of an actuator with one half [mm]. Not stated by the authors; the default
+        puts the channel in the middle of its half: assumed.
     passive : {"open", "pressurised", "solid", "none"}
         The other half, a mirror image: its channels open to the air, under the same pressure,
-        or none in it; or no other half at all, which a round section always has.
+        or absent (solid); or no other half, which a round section does not allow.
     section : {"block", "round"}
         Outline across the length: a rectangle, or the ellipse of this width and height; a circle
         where they are the same.
@@ -418,17 +418,17 @@ class CylindricalDimensions:
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether there are channels in the other half too."""
+        """Whether the other half has channels too."""
         return self.passive in ("open", "pressurised")
 
     @property
     def end_wall(self) -> float:
-        """Material before and behind the channels [mm]."""
+        """Material before and after the channels [mm]."""
         return 0.5 * (self.length - self.channel_length)
 
     @property
     def floor(self) -> float:
-        """Height of the lower face of the channels over the bottom [mm]."""
+        """Height of the lower face of the channels above the bottom [mm]."""
         return self.usual_height + self.offset - 0.5 * self.channel_height
 
     @property
@@ -438,18 +438,18 @@ class CylindricalDimensions:
 
     @property
     def usual_height(self) -> float:
-        """Height of the constraint layer if none is stated: the middle, or the bottom [mm]."""
+        """Default height of the constraint layer: the middle, or the bottom [mm]."""
         return 0.0 if self.passive == "none" else 0.5 * self.height
 
     @property
     def constraint_room(self) -> tuple[float, float]:
-        """Heights between which a layer runs through material alone [mm]."""
+        """Heights between which a layer runs through solid material [mm]."""
         low = self.is_mirrored or self.is_round
         return (self.height - self.floor if low else 0.0), self.floor
 
     @property
     def channel_middles(self) -> tuple[float, ...]:
-        """Where the middles of the channels lie across, from the middle of the width [mm].
+        """Lateral positions of the channels' middles, from the middle of the width [mm].
 
         Examples
         --------
@@ -464,11 +464,11 @@ class CylindricalDimensions:
 
         .. math:: \theta = \frac{p A z_c}{6 C_1 I} l, \qquad I = \int z^2 dA
 
-        with A and :math:`z_c` area of the channels across the length and height of their middle
-        over the usual plane of the constraint, which does not stretch, and l their length. It is
-        an order of magnitude: the walls that a channel widens get shorter, which in an
-        incompressible block undoes all of it to first order, so that a segment hardly bends until
-        its channels balloon.
+        with A and :math:`z_c` the cross-section of the channels and the height of their middle
+        above the default plane of the constraint, which does not stretch, and l their length. It
+        is an order of magnitude: walls widened by a channel get shorter, which in an
+        incompressible block cancels it all to first order, so a segment hardly bends until its
+        channels balloon.
         """
         plane, deep = self.usual_height, 0.5 * self.channel_height
         whole = self.width * ((self.height - plane) ** 3 + plane**3) / 3.0
@@ -484,7 +484,7 @@ class CylindricalDimensions:
         return (self.channels - 1) * self.pitch + self.channel_width
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can be made of these dimensions.
+        """Say why no actuator can have these dimensions.
 
         Returns
         -------
@@ -510,15 +510,15 @@ class CylindricalDimensions:
             return ()
         if self.passive == "none":
             return (
-                "a round section has both halves, and passive is 'none'; "
+                "a round section needs both halves, but passive is 'none'; "
                 'give passive = "solid", or section = "block"',
             )
         across, up = 0.5 * self._row, self.offset + 0.5 * self.channel_height
         if hypot(across / (0.5 * self.width), up / (0.5 * self.height)) <= INSIDE_ROUND:
             return ()
         return (
-            f"a corner of the channels, {across:g} mm beside and {up:g} mm over the axis, does not "
-            f"lie inside the round section of {self.width:g} by {self.height:g} mm; give fewer or "
+            f"a corner of the channels, {across:g} mm beside and {up:g} mm above the axis, lies "
+            f"outside the round section of {self.width:g} by {self.height:g} mm; give fewer or "
             "smaller channels, a smaller offset, or a larger width and height",
         )
 
@@ -536,7 +536,7 @@ class CylindricalDimensions:
             )
         elif self._row >= self.width:
             wrong.append(
-                f"{self.channels} channels take {self._row:g} mm across and do not lie inside the "
+                f"{self.channels} channels take {self._row:g} mm across and do not fit in the "
                 f"width ({self.width:g} mm); give fewer or narrower channels, a smaller pitch or a "
                 "larger width"
             )
@@ -547,50 +547,50 @@ class CylindricalDimensions:
         wrong = []
         if self.offset <= lowest:
             wrong.append(
-                f"channels {self.channel_height:g} mm high whose middle is {self.offset:g} mm over "
-                f"the plane of the constraint cut it; give an offset above {lowest:g} mm"
+                f"channels {self.channel_height:g} mm high, centred {self.offset:g} mm above the "
+                f"plane of the constraint, cut it; give an offset above {lowest:g} mm"
             )
         if self.offset + lowest >= room:
             wrong.append(
-                f"channels {self.channel_height:g} mm high whose middle is {self.offset:g} mm over "
-                f"the plane of the constraint do not lie inside the {room:g} mm above it; "
+                f"channels {self.channel_height:g} mm high, centred {self.offset:g} mm above the "
+                f"plane of the constraint, do not fit in the {room:g} mm above it; "
                 "give a smaller offset or channel_height, or a larger height"
             )
         return tuple(wrong)
 
 
 UNKNOWN_MESH_ERROR = 0.05
-"""Relative error of a mesh of which nothing is known: that of the coarse meshes of ribbed segments,
-some 5 %, of which the default actuator's fine one has 0.65 %. It is assumed."""
+"""Relative error assumed for a mesh of unknown error: about that of the coarse meshes of ribbed
+segments, 5 %; the default actuator's fine mesh has 0.65 %."""
 
 
 @dataclass(frozen=True)
 class MeshDimensions:
-    """A part that the user has meshed; all lengths in mm.
+    """A part meshed by the user; all lengths in mm.
 
     Parameters
     ----------
     file : str
-        Of the mesh, beside ``study.toml``: Gmsh (.msh), Abaqus (.inp) or VTU, of hexahedra or of
+        Of the mesh, next to ``study.toml``: Gmsh (.msh), Abaqus (.inp) or VTU, of hexahedra or of
         tetrahedra.
     mesh_error : float
-        Relative standard error of curvatures and volumes by the size of the elements: what a finer
-        mesh changes [–]. By default assumed.
+        Relative standard error of curvatures and volumes due to element size, as a finer mesh
+        shows it [–]. By default assumed.
     length, width, height : float
-        Outer size of the whole part, as read [mm].
+        Outer size of the part, as read [mm].
     plane : float
         Height of the constraint, as read [mm].
     bending : float
         See `beam_bending`, as read.
     cells : str
-        What it is of, hexahedra or tetrahedra, as read.
+        Cell type, hexahedra or tetrahedra, as read.
     path, content : str
-        Where the file is, and its hash.
+        Path and hash of the file.
 
     Examples
     --------
     >>> MeshDimensions().problems()[0].partition("; ")[2]
-    'give file = "part.msh", a mesh beside study.toml'
+    'give file = "part.msh", a mesh next to study.toml'
     """
 
     file: str = ""
@@ -611,23 +611,23 @@ class MeshDimensions:
 
     @property
     def assumption(self) -> str:
-        """What is assumed of the mesh, in a sentence; empty where its error is stated."""
+        """The assumption about the mesh, as a sentence; empty where its error is stated."""
         if self.mesh_error != UNKNOWN_MESH_ERROR:
             return ""
         return (
             f"the error of {self.file} is not known and is assumed to be "
-            f"{100.0 * UNKNOWN_MESH_ERROR:g} %: solve a finer mesh, and state by how much it "
-            "differs as [actuator] mesh_error"
+            f"{100.0 * UNKNOWN_MESH_ERROR:g} %: solve a finer mesh, and give the difference "
+            "as [actuator] mesh_error"
         )
 
     @property
     def usual_height(self) -> float:
-        """Height of the constraint layer, which the mesh says [mm]."""
+        """Height of the constraint layer, from the mesh [mm]."""
         return self.plane
 
     @property
     def constraint_room(self) -> tuple[float, float]:
-        """Heights at which the constraint layer can lie: the one that the mesh says [mm]."""
+        """Heights at which the constraint layer can lie: only that of the mesh [mm]."""
         return self.plane, self.plane
 
     @property
@@ -636,11 +636,11 @@ class MeshDimensions:
         return self.bending
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can be made of these dimensions."""
+        """Say why no actuator can have these dimensions."""
         if not self.file:
-            return ('no mesh is stated; give file = "part.msh", a mesh beside study.toml',)
+            return ('no mesh is given; give file = "part.msh", a mesh next to study.toml',)
         if not 0.0 < self.mesh_error < 1.0:
-            return (f"mesh_error is {self.mesh_error:g}; give a share between 0 and 1",)
+            return (f"mesh_error is {self.mesh_error:g}; give a fraction between 0 and 1",)
         return ()
 
 
@@ -652,7 +652,7 @@ def _wrong_values(mould: RibbedDimensions | CylindricalDimensions) -> tuple[str,
         if not (isfinite(value := getattr(mould, name)) and SMALLEST_MM <= value <= LARGEST_MM)
     ]
     if not isinstance(mould.channels, int) or not 1 <= mould.channels <= MOST_CHAMBERS:
-        wrong.append(f"channels is {mould.channels}; give a whole number of 1 to {MOST_CHAMBERS}")
+        wrong.append(f"channels is {mould.channels}; give a whole number from 1 to {MOST_CHAMBERS}")
     if mould.passive not in PASSIVES:
         wrong.append(f"passive is {mould.passive!r}; give one of {', '.join(PASSIVES)}")
     return tuple(wrong)

@@ -1,4 +1,4 @@
-"""A table as another program writes it becomes one of the contract: names, delimiter, decimals."""
+"""Convert a table written by a different program: column names, delimiter, decimals."""
 
 import csv
 import io
@@ -14,20 +14,20 @@ DECIMALS = (".", ",")
 
 @dataclass(frozen=True)
 class ForeignTable:
-    """How a table is written that another program exported.
+    """Format of a table exported by a different program.
 
     Parameters
     ----------
     columns : mapping of str to str
-        Column of the contract to that of the file; columns that are not named keep their names.
+        Maps columns of the contract to those of the file; other columns keep their names.
     delimiter : {",", ";", "tab", "space"}
-        What stands between cells.
+        Separator of cells.
     decimal : {".", ","}
-        The sign of decimals.
+        Decimal separator.
     skip : int
         Lines before the header.
     constants : mapping of str to str or float
-        Columns of the contract that the file lacks, with what is in every row.
+        Columns of the contract that the file lacks, with their value in every row.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -40,18 +40,18 @@ class ForeignTable:
 def translated(
     content: bytes, form: ForeignTable, file: str, settings: str
 ) -> tuple[bytes, tuple[Fault, ...]]:
-    r"""Return a table as the contract has it, line for line, and what is wrong with the mapping.
+    r"""Return a table in the contract's format, line by line, and faults of the mapping.
 
-    Points that are not numbered are counted, from 1 at every other specimen or pressure.
+    Unnumbered points are counted, from 1 for each specimen and pressure.
 
     Parameters
     ----------
     content : bytes
-        The file as it is on the disk.
+        The file as stored.
     form : ForeignTable
-        How it is written.
+        Its format.
     file, settings : str
-        Names of the file, and of that which states the form.
+        Names of the file, and of the file that states its format.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def translated(
         return content, ()
     try:
         lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:  # what is wrong is said when the cells are read
+    except UnicodeDecodeError:  # the fault is reported when the cells are read
         return content, ()
     rows = [f"# {line}" if number < form.skip else line for number, line in enumerate(lines)]
     there = {column: name for name, column in form.columns.items()}
@@ -115,7 +115,7 @@ def _cells(line: str, form: ForeignTable) -> list[str]:
     reader = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
     try:
         cells = [cell.strip() for cell in next(reader)]
-    except csv.Error:  # kept as it is; its cells are refused
+    except csv.Error:  # kept unchanged; its cells are refused later
         return [line]
     if form.delimiter == "space":
         cells = [cell for cell in cells if cell]

@@ -1,8 +1,8 @@
-"""Moisture of films: degradation rate with its errors, and its course in time.
+"""Moisture of films: degradation rate with its errors, and its course over time.
 
-The degradation rate D_R is a proxy: it is the loss of retained water, not of mass. Eq. 4 divides
-by the moist mass (wet basis), the control experiment behind Eq. 6 by the dry mass (dry basis);
-D_R means wet basis throughout, and what needs the other basis converts it here.
+The degradation rate D_R is a proxy: the loss of retained water, not of mass. Eq. 4 divides by the
+moist mass (wet basis), the control experiment behind Eq. 6 by the dry mass (dry basis). D_R is on
+the wet basis throughout; code that needs the dry basis converts it here.
 """
 
 import importlib
@@ -15,7 +15,7 @@ import pandas as pd
 
 Floats = npt.NDArray[np.float64]
 
-#: Slope of Eq. 6: mass loss over degradation rate, dry basis.
+#: Slope of Eq. 6: mass loss over degradation rate, dry basis [–].
 MASS_LOSS_SLOPE = 0.8574
 
 
@@ -36,7 +36,7 @@ def moisture_content(mass_equilibrated: npt.ArrayLike, mass_dry: npt.ArrayLike) 
 
     Examples
     --------
-    1.00 g of film that dries to 0.80 g held 20 % of moisture.
+    1.00 g of film that dries to 0.80 g held 20 % moisture.
 
     >>> round(float(moisture_content(1.0, 0.8)), 12)
     20.0
@@ -79,7 +79,7 @@ def degradation_rate(moisture: npt.ArrayLike, moisture_initial: npt.ArrayLike) -
     Parameters
     ----------
     moisture, moisture_initial : array_like, broadcastable
-        Mean moisture contents after and before degradation, on one and the same basis [%].
+        Mean moisture contents after and before degradation, on the same basis [%].
 
     Returns
     -------
@@ -88,7 +88,7 @@ def degradation_rate(moisture: npt.ArrayLike, moisture_initial: npt.ArrayLike) -
 
     Examples
     --------
-    A fall from 20 % to 15 % of moisture is a degradation rate of 25 %.
+    A fall from 20 % to 15 % moisture is a degradation rate of 25 %.
 
     >>> float(degradation_rate(15.0, 20.0))
     25.0
@@ -191,8 +191,8 @@ def mass_loss_from_degradation(
 
     .. math:: M_{loss} = 0.8574 \, D_{R, dry}
 
-    The slope was found with both moisture contents on the dry basis, so that a degradation rate
-    of films is converted first. It was found in a solution of bromelain, not in soil.
+    The slope was fitted with both moisture contents on the dry basis, so a film's degradation rate
+    is converted first. It was measured in a bromelain solution, not in soil.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def mass_loss_from_degradation(
 
 @dataclass(frozen=True)
 class MassLossSlope:
-    """Mass loss over degradation rate, as a control experiment gives it.
+    """Mass loss over degradation rate, from a control experiment.
 
     Parameters
     ----------
@@ -246,8 +246,8 @@ def mass_loss_slope(control: pd.DataFrame) -> MassLossSlope:
     .. math:: k = \frac{\sum D M}{\sum D^2}, \quad
         \sigma_k^2 = \frac{\sum (M - k D)^2}{(n - 1) \sum D^2}
 
-    with each sample's mass loss M of Eq. 5 and degradation rate D of Eq. 3, against its own
-    moisture before degradation. The scatter of D lowers k by the share of it in ΣD².
+    with each sample's mass loss M of Eq. 5 and degradation rate D of Eq. 3, relative to its own
+    moisture before degradation. Scatter of D lowers k by its share of ΣD².
 
     Parameters
     ----------
@@ -282,23 +282,23 @@ def mass_loss_slope(control: pd.DataFrame) -> MassLossSlope:
 
 def _through_origin(x: Floats, y: Floats) -> tuple[float, float]:
     """Return the slope of a line through the origin and its standard error."""
-    told = (x != 0.0) | (y != 0.0)  # the origin is on every such line
+    told = (x != 0.0) | (y != 0.0)  # points at the origin carry no information
     x, y, square = x[told], y[told], float(x @ x)
     if not square > 0.0:
-        raise ValueError("the moisture of no sample changed, so there is no slope")
+        raise ValueError("no sample's moisture changed, so the slope is undetermined")
     slope = float(x @ y) / square
     left = y - slope * x
     freedom = len(x) - 1
     return slope, float(np.sqrt(left @ left / freedom / square)) if freedom else float("nan")
 
 
-#: In units of the last time; beyond it the course is straight and tells nothing of a limit.
+#: In units of the last time; with a longer time constant the course is straight and shows no limit.
 LONGEST_TIME_CONSTANT = 100.0
 
 
 @dataclass(frozen=True)
 class FilmDegradation:
-    """Degradation rates at the times at which films were taken out of the soil.
+    """Degradation rates at the times at which films were unearthed.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ class FilmDegradation:
     degradation_pct : numpy.ndarray, shape (n_times,)
         Wet basis if the moisture contents are [%].
     covariance : numpy.ndarray, shape (n_times, n_times)
-        Of their errors; all of them share the mean of the undegraded films [%²].
+        Of their errors; all share the mean of the undegraded films [%²].
     films : numpy.ndarray of int, shape (n_times,)
         Number of films.
     moisture_initial_pct : float
@@ -327,15 +327,15 @@ class FilmDegradation:
 
 
 def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> FilmDegradation:
-    r"""Average replicate films and compute their degradation rates, Eq. 3, with errors.
+    r"""Average replicate films and compute degradation rates, Eq. 3, with errors.
 
     With m and m_0 the mean moisture contents, D = 100 (1 − m/m_0), and by the delta method
 
     .. math:: C_{ij} = (100/m_0)^2 \left[\delta_{ij} s_i^2 + m_i m_j s_0^2 / m_0^2\right]
 
     where s² is the variance of a mean. The second term is common to all times but the first: at
-    time 0 the two means are one, so D is 0 without error. The scatter of single films is pooled
-    over all times, since a few films give no reliable variance of their own.
+    time 0 both means coincide, so D is 0 without error. The scatter of single films is pooled over
+    all times, since a few films give no reliable variance.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> 
     Raises
     ------
     ValueError
-        If there is no undegraded film, or no time with a second film.
+        If there is no undegraded film, or no time with two films.
 
     Examples
     --------
@@ -365,10 +365,10 @@ def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> 
     time, moisture = np.asarray(time_h, float), np.asarray(moisture_pct, float)
     times, which, films = np.unique(time, return_inverse=True, return_counts=True)
     if times.size == 0 or times[0] != 0.0:
-        raise ValueError("no film was measured at time 0, so there is no M_C0 to compare with")
+        raise ValueError("no film was measured at time 0, so M_C0 is unknown; add a fresh film")
     freedom = moisture.size - times.size
     if freedom < 1:
-        raise ValueError("no time has a second film, so the scatter of films is unknown")
+        raise ValueError("no time has two films, so their scatter is unknown; add a replicate")
     mean = np.bincount(which, moisture) / films
     variance_of_mean = np.sum((moisture - mean[which]) ** 2) / freedom / films
     slope = mean / mean[0]
@@ -385,7 +385,7 @@ def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> 
 
 @dataclass(frozen=True)
 class SaturatingCourse:
-    r"""The degradation rate as a function of time, levelling off.
+    r"""Degradation rate as a saturating function of time.
 
     .. math:: D(t) = D_\infty (1 - e^{-t/\tau})
 
@@ -419,14 +419,14 @@ class SaturatingCourse:
     def band(
         self, time_h: npt.ArrayLike, *, probability: float = 0.9, scatter_sd_pct: float = 0.0
     ) -> tuple[Floats, Floats]:
-        """Compute the lower and upper edge of the band of the curve, or of a new measurement.
+        """Compute the band of the curve, or of a new measurement.
 
         Parameters
         ----------
         time_h : array_like
             [h]
         probability : float
-            What the band holds.
+            Probability content of the band.
         scatter_sd_pct : float
             Standard deviation of a new measurement about the curve; 0 for the curve itself [%].
 
@@ -449,12 +449,12 @@ def saturating(
 
 
 def fit_saturating_course(films: FilmDegradation) -> SaturatingCourse:
-    """Fit the saturating law by generalised least squares, errors and their correlation included.
+    """Fit the saturating law by generalised least squares with correlated errors.
 
     Parameters
     ----------
     films : FilmDegradation
-        At least two times after 0; time 0 itself is met by the law and carries no information.
+        At least two times after 0; the law meets time 0 exactly, so it carries no information.
 
     Returns
     -------
@@ -481,7 +481,7 @@ def fit_saturating_course(films: FilmDegradation) -> SaturatingCourse:
     if not time @ np.linalg.solve(covariance, rate) > 0.0:
         raise ValueError("the degradation rates do not rise with time")
     longest = LONGEST_TIME_CONSTANT * float(time[-1])
-    optimize = importlib.import_module("scipy.optimize")  # slow to import: a check needs none
+    optimize = importlib.import_module("scipy.optimize")  # slow to import; a check needs none
     found, errors = optimize.curve_fit(
         saturating,
         time,
@@ -492,5 +492,5 @@ def fit_saturating_course(films: FilmDegradation) -> SaturatingCourse:
         bounds=([0.0, 1e-3 * time[0]], [np.inf, longest]),
     )
     if found[1] > 0.99 * longest:
-        raise ValueError("the degradation rates do not rise towards a limit")
+        raise ValueError("the degradation rates do not level off")
     return SaturatingCourse(float(found[0]), float(found[1]), errors)

@@ -1,8 +1,8 @@
-"""A part that a user has meshed: cells and named boundaries of a file, and what is wrong with it.
+"""A part meshed by the user: cells and named boundaries of a file, and its faults.
 
-Gmsh, Abaqus and VTU are read. A boundary is named by a physical group or set of its faces, by a set
-of its nodes, or by an array over the nodes that is not 0 on it. x runs from the clamp along the
-part, z up from the constraint, in mm; the part may be cut at a plane of symmetry across y.
+Gmsh, Abaqus and VTU are read. A boundary is named by a physical group or set of faces, by a node
+set, or by a nodal array that is non-zero on it. x runs from the clamp along the part, z up from the
+constraint, in mm; the part may be cut at a plane of symmetry across y.
 """
 
 import hashlib
@@ -31,20 +31,20 @@ NEEDED, OPTIONAL = ("clamp", "cavity", "tip"), ("constraint", "symmetry")
 CORNERS = np.array(
     [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 )
-"""Where the nodes of a brick stand on the unit cube, in the order of these files."""
+"""Nodes of a brick on the unit cube, in the node order of these file formats."""
 SIDES = np.array(
     [(0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
 )
-"""Nodes of the sides of a brick, around each so that its normal points into the brick."""
+"""Nodes of a brick's sides, ordered so that the normal points into the brick."""
 SIDES_OF_TETRAHEDRON = np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
-"""The same of a tetrahedron, whose fourth node is where the normal of the others points to."""
+"""The same for a tetrahedron, whose fourth node lies where the normal of the others points."""
 VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")
 SHORTEST_MM = 1.0  # a part in metres is shorter
-FLAT = 1e-4  # of the length: what is off a plane by less lies in it
+FLAT = 1e-4  # of the length: tolerance for lying in a plane
 MOST_CELLS = 20_000
-"""As bricks some ten times those of the default actuator's fine mesh, half a million unknowns.
+"""About ten times the bricks of the default actuator's fine mesh, half a million unknowns.
 
-As many tetrahedra have half of that: some 14 unknowns each, where a brick of 27 nodes has 27.
+As many tetrahedra have half of that: about 14 unknowns each; a 27-node brick has 27.
 """
 HOW_TO_EXPORT = (
     'export hexahedra of 8 nodes, in Gmsh by "Recombine" and "Transfinite", or tetrahedra alone'
@@ -57,7 +57,7 @@ class PartError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class PartMesh:
-    """Bricks or tetrahedra with named boundaries, moved so that the clamp stands at x = 0.
+    """Bricks or tetrahedra with named boundaries, shifted so that the clamp is at x = 0.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class PartMesh:
 
     @property
     def size(self) -> Floats:
-        """Length, width and height of what is meshed [mm]."""
+        """Length, width and height of the mesh [mm]."""
         extent: Floats = np.ptp(self.points, axis=0)
         return extent
 
@@ -90,12 +90,12 @@ class PartMesh:
 
     @property
     def is_tetrahedral(self) -> bool:
-        """Whether it is of tetrahedra, not of bricks."""
+        """Whether its cells are tetrahedra."""
         return bool(self.cells.shape[1] == 4)
 
 
 def read_part(place: Path | str) -> PartMesh:
-    """Return the part in a file; one that was read before is not read again.
+    """Return the part in a file; parts read before are cached.
 
     Raises
     ------
@@ -105,11 +105,11 @@ def read_part(place: Path | str) -> PartMesh:
     path = Path(place)
     if path.suffix.lower() not in FORMATS:
         known = ", ".join(f"{name} ({end})" for end, name in FORMATS.items())
-        raise PartError(f"{path.name} is no mesh of a known format; give a file of {known}")
+        raise PartError(f"{path.name} is not a mesh of a known format; give a file of {known}")
     try:
         content = read_bytes(path, most_mb=STUDY_MB)
     except FileNotFoundError:
-        raise PartError(f"{path.name} is not there; put the mesh beside study.toml") from None
+        raise PartError(f"{path.name} does not exist; put the mesh next to study.toml") from None
     except OSError as fault:
         raise PartError(f"{path.name} cannot be read ({fault}); export it again") from None
     return _read(path, hashlib.sha256(content).hexdigest())
@@ -120,12 +120,12 @@ def _read(path: Path, content: str) -> PartMesh:
     said = io.StringIO()  # meshio prints what it raises
     try:
         with redirect_stdout(said), redirect_stderr(said):
-            # only a part that was meshed needs it, and it takes long to import
+            # slow to import, and only needed for meshed parts
             mesh = importlib.import_module("meshio").read(path)
-    except (SystemExit, Exception) as fault:  # meshio ends the process on what it does not know
+    except (SystemExit, Exception) as fault:  # meshio exits the process on unknown input
         raise PartError(
             f"{path.name} cannot be read as {FORMATS[path.suffix.lower()]} ({fault}); "
-            "export it again, or in another of the formats"
+            "export it again, or in a different format"
         ) from None
     points, cells = _cells(mesh)
     sides = _boundaries(mesh, points, cells)
@@ -145,34 +145,32 @@ def _cells(mesh: Any) -> tuple[Floats, Indices]:
     other = sorted(kinds - {"hexahedron", "tetra", "tetra10"})
     if other:
         raise PartError(
-            f"has cells of the kind {', '.join(other)}, which are not solved; {HOW_TO_EXPORT}"
+            f"has cells of type {', '.join(other)}, which are not supported; {HOW_TO_EXPORT}"
         )
     if not kinds:
         raise PartError(f"has no cells with a volume; {HOW_TO_EXPORT}")
     if "hexahedron" in kinds and len(kinds) > 1:
-        raise PartError(
-            f"has both hexahedra and tetrahedra, which are not solved together; {HOW_TO_EXPORT}"
-        )
+        raise PartError(f"mixes hexahedra and tetrahedra, which is not supported; {HOW_TO_EXPORT}")
     corners = 8 if "hexahedron" in kinds else 4
     found = [block.data[:, :corners] for block in mesh.cells if block.type in kinds]
     cells = np.vstack(found).astype(np.int64)
     if len(cells) > MOST_CELLS:
         raise PartError(
-            f"has {len(cells)} cells, more than can be solved for a study; "
-            f"give a coarser mesh, of at most {MOST_CELLS}"
+            f"has {len(cells)} cells, too many to solve for a study; "
+            f"give a coarser mesh of at most {MOST_CELLS} cells"
         )
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.shape[1] != 3 or not np.all(np.isfinite(points)):
-        raise PartError("has points that are no places in space; export it again")
+        raise PartError("has points without finite coordinates; export it again")
     return points, cells
 
 
 def _boundaries(mesh: Any, points: Floats, cells: Indices) -> dict[str, Indices]:
-    """Return the outer sides on each boundary that the file names.
+    """Return the outer sides on each named boundary.
 
-    Where its nodes name the cavity, a side in a plane end or cut is not of it, although all of its
-    nodes may be: a triangle in the plane of symmetry can stand on three nodes of the cavity's edge.
-    Faces that are named are taken as they are.
+    Where nodes name the cavity, a side in a plane end or cut does not belong to it even if all its
+    nodes do: a triangle in the plane of symmetry can have three nodes on the cavity's edge. Named
+    faces are used unchanged.
     """
     outer = outer_sides(cells)
     every = {name: _marked(mesh, name, outer, len(points)) for name in (*NEEDED, *OPTIONAL)}
@@ -186,14 +184,14 @@ def _boundaries(mesh: Any, points: Floats, cells: Indices) -> dict[str, Indices]
         named = sorted({*mesh.cell_sets, *mesh.point_sets, *mesh.point_data, *mesh.field_data})
         known = ", ".join(n for n in named if ":" not in n) or "none"
         raise PartError(
-            f"has no boundary named {' and none named '.join(missing)} (it names: {known}); "
-            "name the faces as a physical group, or their nodes as a set or an array"
+            f"has no boundary named {' and none named '.join(missing)} (named: {known}); "
+            "name the faces by a physical group, or their nodes by a set or an array"
         )
     return found
 
 
 def outer_sides(cells: Indices) -> Indices:
-    """Return the sides that belong to one cell alone, (n_sides, 4) or (n_sides, 3).
+    """Return the sides that belong to only one cell, (n_sides, 4) or (n_sides, 3).
 
     Examples
     --------
@@ -214,7 +212,7 @@ def _sides_of(cells: Indices) -> Indices:
 
 
 def _marked(mesh: Any, name: str, outer: Indices, count: int) -> Flags | None:
-    """Return which outer sides are on a boundary; None where nothing is named so."""
+    """Return which outer sides are on a boundary; None if nothing has that name."""
     faces = _named_faces(mesh, name, outer.shape[1])
     if len(faces):
         wanted = {tuple(row) for row in np.sort(faces, axis=1).tolist()}
@@ -232,7 +230,7 @@ def _marked(mesh: Any, name: str, outer: Indices, count: int) -> Flags | None:
 
 
 def _named_faces(mesh: Any, name: str, corners: int) -> Indices:
-    """Return the faces of so many corners of a set or of a physical group of a name."""
+    """Return the faces with ``corners`` corners of a named set or physical group."""
     kind = "triangle" if corners == 3 else "quad"
     found = [np.empty((0, corners), dtype=np.int64)]
     tag = mesh.field_data.get(name, [None])[0]
@@ -248,13 +246,13 @@ def _named_faces(mesh: Any, name: str, corners: int) -> Indices:
 
 
 def _refuse(problems: Iterator[str]) -> None:
-    """Refuse a part for the first thing that is wrong with it."""
+    """Refuse a part for its first problem."""
     for problem in problems:
         raise PartError(problem)
 
 
 def _problems(part: PartMesh) -> Iterator[str]:
-    """Say what is wrong, the first of all that would follow from it."""
+    """Yield problems, causes before their consequences."""
     yield from _wrong_size(part)
     yield from _inverted(part)
     yield from _apart(part)
@@ -267,17 +265,17 @@ def _wrong_size(part: PartMesh) -> Iterator[str]:
     length = float(part.size.max())
     if length > LARGEST_MM:
         yield (
-            f"is {length:g} mm long, which no soft actuator is; likely in µm: export it in mm, or "
-            "divide by 1000"
+            f"is {length:g} mm long, too long for a soft actuator; likely in µm: export it in "
+            "mm, or divide by 1000"
         )
     elif length < SHORTEST_MM:
         yield f"is {length:g} mm long; likely in m: export it in mm, or multiply by 1000"
 
 
 def jacobians(corners: Floats) -> Floats:
-    """Return the least Jacobian at the corners of each cell, (n,) of (n, 8, 3) [mm³].
+    """Return the smallest Jacobian at the corners of each cell, (n,) of (n, 8, 3) [mm³].
 
-    Of tetrahedra, (n, 4, 3), it is the same all over.
+    It is constant over a tetrahedron, (n, 4, 3).
     """
     if corners.shape[1] == 4:
         return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]))
@@ -301,8 +299,8 @@ def _inverted(part: PartMesh) -> Iterator[str]:
         at = part.points[part.cells[wrong[0]]].mean(axis=0)
         kind = "tetrahedra" if part.is_tetrahedral else "bricks"
         yield (
-            f"has {len(wrong)} {kind} that are flat or inside out, the first at {_place(at)}; "
-            "mesh that place anew, or mend the order of its nodes"
+            f"has {len(wrong)} {kind} that are flat or inverted, the first at {_place(at)}; remesh "
+            "there, or correct the node order"
         )
 
 
@@ -315,13 +313,13 @@ def _apart(part: PartMesh) -> Iterator[str]:
     count, _ = scipy.sparse.csgraph.connected_components(joins @ joins.T, directed=False)
     if count > 1:
         yield (
-            f"falls into {count} pieces that share no nodes; merge nodes that stand at one place "
+            f"consists of {count} pieces that share no nodes; merge coincident nodes "
             'before the export, in Gmsh by "Coherence"'
         )
 
 
 def _open_cavity(part: PartMesh) -> Iterator[str]:
-    """Say where the cavity has an edge: it may have one in the plane of symmetry alone."""
+    """Say where the cavity is open: it may be so only in the plane of symmetry."""
     sides = part.sides["cavity"]
     edges = np.sort(np.stack([sides, np.roll(sides, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     each, count = np.unique(edges, axis=0, return_counts=True)
@@ -332,8 +330,8 @@ def _open_cavity(part: PartMesh) -> Iterator[str]:
     if len(loose):
         at = part.points[loose[0]].mean(axis=0)
         yield (
-            f"has a hole in its cavity: {len(loose)} edges of faces named cavity have no other "
-            f"beside them, the first at {_place(at)}; name all faces that the pressure acts on, "
+            f"has a hole in its cavity: {len(loose)} edges of faces named cavity have no "
+            f"neighbour, the first at {_place(at)}; name all faces that the pressure acts on, "
             "and close the inlet"
         )
 
@@ -345,15 +343,15 @@ def _wrong_planes(part: PartMesh) -> Iterator[str]:
         off = np.abs(part.points[part.sides[name], axis] - wanted)
         if off.max() > tolerance:
             yield (
-                f"has a {name} that is not the plane end of {_ENDS[name]} x; turn the part so that "
+                f"has a {name} that is not the plane end at {_ENDS[name]} x; turn the part so that "
                 "x runs from the clamp to the tip, z up from the constraint, and cut both ends"
             )
     if part.is_half:
         across = part.points[part.sides["symmetry"], 1]
         if np.ptp(across) > tolerance or not _is_end(across.mean(), part.points[:, 1], tolerance):
             yield (
-                "has a symmetry that is not an end of the part across y; turn the part so that "
-                "y runs across"
+                "has a symmetry plane that is not an end of the part across y; turn the part so "
+                "that y runs across"
             )
 
 
@@ -373,23 +371,23 @@ def _wrong_constraint(part: PartMesh) -> Iterator[str]:
     flat = np.ptp(sides[..., 2]) <= tolerance
     if part.is_tetrahedral:
         if not flat:
-            yield "has a constraint that is not flat; name a plane face, or leave it out"
+            yield "has a constraint that is not flat; name a plane face, or omit it"
     elif not flat or len(nodes) != x * y:
         yield (
-            "has a constraint that is not a flat rectangle with a grid of rectangles; mesh the "
-            "face that carries the paper or film with lines along x and y, or leave it out"
+            "has a constraint that is not a flat rectangle meshed by a grid of rectangles; mesh "
+            "the face that carries the paper or film with lines along x and y, or omit it"
         )
 
 
 def _without_line(part: PartMesh) -> Iterator[str]:
-    """Say that no line of nodes runs along the middle of the constraint, or of the bottom."""
+    """Say if no line of nodes runs along the middle of the constraint, or of the bottom."""
     near, length = FLAT * float(part.size.max()), float(part.size[0])
     off = np.abs(part.points[:, 1:] - [0.0, plane_of(part)])
     x = part.points[(off < near).all(axis=1), 0]
     if len(x) < 2 or np.ptp(x) < length - near:
         yield (
             "has no line of nodes along the middle of its constraint, or of its bottom, where the "
-            "curvature is read; cut the part there before it is meshed"
+            "curvature is read; partition the part there before meshing"
         )
 
 
@@ -404,7 +402,7 @@ def _moved(part: PartMesh) -> PartMesh:
     points[:, 2] -= points[:, 2].min()
     if part.is_half:
         points[:, 1] -= points[part.sides["symmetry"], 1].mean()
-        if points[:, 1].mean() < 0.0:  # the other half is its mirror image
+        if points[:, 1].mean() < 0.0:  # only the other half was meshed: mirror it
             points[:, 1] *= -1.0
             mirrored = [0, 2, 1, 3] if part.is_tetrahedral else _across()
             return PartMesh(points, part.cells[:, mirrored], part.sides, part.content)
@@ -414,9 +412,9 @@ def _moved(part: PartMesh) -> PartMesh:
 
 
 def _flattened(part: PartMesh) -> Floats:
-    """Return the points, those of each plane boundary in one plane to the last digit.
+    """Return the points with those of each plane boundary exactly in one plane.
 
-    Faces are looked for in planes; a file of few digits has them off by what it rounds.
+    Faces are searched in planes; a file with few digits has rounded points.
     """
     points = part.points.copy()
     for name, axis in (("clamp", 0), ("tip", 0), ("symmetry", 1), ("constraint", 2)):
@@ -427,7 +425,7 @@ def _flattened(part: PartMesh) -> Floats:
 
 
 def _across() -> list[int]:
-    """Return the order of a brick's corners that its mirror image across y has."""
+    """Return the order of a brick's corners after mirroring across y."""
     mirrored = CORNERS.copy()
     mirrored[:, 1] = 1 - mirrored[:, 1]
     return [int(np.flatnonzero((corner == CORNERS).all(axis=1))[0]) for corner in mirrored]
@@ -438,12 +436,12 @@ def _place(at: Floats) -> str:
 
 
 def volume_of(part: PartMesh) -> float:
-    """Return the volume of the cells [mm³], of bricks as of the tetrahedra about their middles."""
+    """Return the volume of the cells [mm³], with bricks cut into tetrahedra about their centres."""
     return float(np.abs(jacobians(_tetrahedra(part))).sum()) / 6.0
 
 
 def _tetrahedra(part: PartMesh) -> Floats:
-    """Return the corners of the cells, (n, 4, 3) [mm], each brick cut into 24 about its middle."""
+    """Return the corners of the cells, (n, 4, 3) [mm], each brick cut into 24 about its centre."""
     corners = part.points[part.cells]
     if part.is_tetrahedral:
         return corners
@@ -459,9 +457,9 @@ def _tetrahedra(part: PartMesh) -> Floats:
 
 
 def cavity_of(part: PartMesh) -> tuple[float, float]:
-    """Return volume of the cavity [mm³] and height of its middle [mm], by the divergence theorem.
+    """Return volume of the cavity [mm³] and height of its centroid [mm], by the divergence theorem.
 
-    What the plane of symmetry cuts open goes through the origin and adds nothing.
+    The open cut at the plane of symmetry goes through the origin and adds nothing.
     """
     total, height = 0.0, 0.0
     for triangle in ((0, 1, 2), (0, 2, 3))[: part.sides["cavity"].shape[1] - 2]:
@@ -477,10 +475,10 @@ def bending_of(part: PartMesh) -> float:
 
     .. math:: \theta = \frac{p V_c z_c}{6 C_1 \int z^2 dV} L
 
-    with :math:`V_c` and :math:`z_c` volume of the cavity and height of its middle over the
-    constraint, or over the bottom, and the integral over the material: a rough size. Of a
+    with :math:`V_c` and :math:`z_c` the volume of the cavity and the height of its centroid above
+    the constraint, or the bottom, and the integral over the material: a rough size. For a
     tetrahedron of volume v the integral is :math:`v/20 [\sum z_i^2 + (\sum z_i)^2]`, with the
-    heights of its corners over the same plane.
+    heights of its corners above the same plane.
     """
     plane = plane_of(part)
     volume, height = cavity_of(part)

@@ -1,4 +1,4 @@
-"""What was traced in a photograph: points in pixels, how they become mm, and what they give."""
+"""Traced photographs: points in pixels, their conversion to mm, and the resulting readings."""
 
 from collections.abc import Iterable, Iterator
 
@@ -10,50 +10,48 @@ type Places = tuple[tuple[float, float], ...]
 type Homography = tuple[tuple[float, float, float], ...]
 
 FILE, FOLDER = "photos.csv", "photos"
-"""Of a study: the table of its photographs, and the folder in which they are."""
+"""Table and folder of a study's photographs."""
 
 
 class TracedPhotograph(FileRecord):
-    """A photograph, and the bottom line that was traced in it, or why none was."""
+    """A photograph and its traced bottom line, or why there is none."""
 
     file: Text = Field(default="", description="name of the photograph")
-    place: Text = Field(default="", description="way from the folder of this file to it")
+    place: Text = Field(default="", description="path of the photograph relative to this file")
     sha256: Text = Field(default="", description="SHA-256 of the photograph")
-    refused: Text = Field(default="", description="why nothing was traced; empty if it was")
+    refused: Text = Field(default="", description="why nothing was traced; empty if a line was")
     specimen_id: Text = Field(default="", description="the specimen")
     pressure: float | None = Field(default=None, description="gauge pressure [kPa]")
     degradation: float | None = Field(default=None, description="degradation rate [%]")
-    width: int = Field(default=0, description="of the photograph, upright [px]")
-    height: int = Field(default=0, description="of the photograph, upright [px]")
+    width: int = Field(default=0, description="width of the upright photograph [px]")
+    height: int = Field(default=0, description="height of the upright photograph [px]")
     pixels: Places = Field(default=(), description="points on the line from the clamp [px]")
     points: Places = Field(
         default=(),
-        description="the same, x along the clamped end, y away from the paper [mm]",
+        description="the same points, x along the clamped end, y away from the paper [mm]",
     )
     errors: Places = Field(default=(), description="standard errors of the points [mm]")
     seen: tuple[bool, ...] = Field(
-        default=(), description="where an edge was read; other points lie between neighbours"
+        default=(), description="points at which an edge was found; others are interpolated"
     )
-    to_mm: Homography = Field(
-        default=(), description="rows of the homography from pixels to the points in mm"
-    )
-    bend_angle_deg: float = Field(default=0.0, description="towards the paper [deg]")
+    to_mm: Homography = Field(default=(), description="rows of the homography from pixels to mm")
+    bend_angle_deg: float = Field(default=0.0, description="bend angle towards the paper [deg]")
     bend_angle_error_deg: float = Field(default=0.0, description="its standard error [deg]")
     bent_ends: float = Field(
         default=0.0,
-        description="probability that the line bends up to its ends: from 0.5 on its angle is that "
-        "between its end tangents, else that between straight lines through stiff ends",
+        description="probability that the line bends up to its ends: from 0.5 on the angle is "
+        "taken between end tangents, below that between straight lines through stiff ends",
     )
-    curvature_per_m: float = Field(default=0.0, description="angle over length [1/m]")
+    curvature_per_m: float = Field(default=0.0, description="curvature: angle over length [1/m]")
     curvature_error_per_m: float = Field(default=0.0, description="its standard error [1/m]")
-    length_mm: float = Field(default=0.0, description="of the line [mm]")
-    scale_from: Text = Field(default="", description="what the scale was read from")
-    not_sure: Names = Field(default=(), description="what a person should look at")
+    length_mm: float = Field(default=0.0, description="length of the line [mm]")
+    scale_from: Text = Field(default="", description="source of the scale")
+    not_sure: Names = Field(default=(), description="what a person should check")
     corrected: bool = Field(default=False, description="whether a person moved points")
 
     @property
     def about(self) -> dict[str, object]:
-        """Columns of tables that say what it is a photograph of."""
+        """Table columns that describe the photograph."""
         return {
             "specimen_id": self.specimen_id,
             "pressure_kPa": self.pressure,
@@ -62,10 +60,10 @@ class TracedPhotograph(FileRecord):
 
 
 class TraceFile(FileRecord):
-    """All that `bayesdeg trace` found, with what is needed to correct it."""
+    """All results of `bayesdeg trace`, with what is needed to correct them."""
 
     photographs: tuple[TracedPhotograph, ...] = Field(
-        default=(), description="those that were traced, in the order of the tables"
+        default=(), description="traced photographs, in the order of the tables"
     )
 
 

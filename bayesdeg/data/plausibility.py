@@ -1,10 +1,9 @@
-r"""Whether readings can be what their columns say: faults of units and signs, and single specimens.
+r"""Check readings for plausibility: wrong units and signs, and deviating single specimens.
 
-A unit that is not that of its column multiplies what is read by 4 to a million, while every effect
-that the package knows changes it by tens of percent, the largest twofold. So columns are held
-against each other, against the priors and against the other specimens, as logarithms of ratios,
-of which medians are taken. What no soft actuator can do is a fault; what is merely unlikely is a
-warning, which goes on to stand beside the verdict.
+A wrong unit multiplies a column by 4 to a million, while every effect known to the package changes
+it by tens of percent, at most twofold. So columns are compared with each other, with the priors and
+with other specimens by medians of log ratios. What no soft actuator can do is a fault; what is
+merely unlikely is a warning, which is repeated with the verdict.
 """
 
 import re
@@ -28,7 +27,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
 Units = Mapping[str, float]
 
-#: What a number in another unit is, over the same in the unit of the column.
+#: Factor of a number in a different unit over that in the column's unit.
 STRESS_UNITS: Units = {
     "kPa": 1e3,
     "Pa": 1e6,
@@ -51,102 +50,102 @@ ANGLE_UNITS: Units = {
     "revolutions": 1.0 / 360.0,
 }
 VOLUME_UNITS: Units = {"mm³ or µl": 1e3, "l": 1e-3, "cl": 0.1, "m³": 1e-6}
-PERCENT_UNITS: Units = {"a fraction in place of percent": 1e-2}
+PERCENT_UNITS: Units = {"a fraction instead of percent": 1e-2}
 
-#: Specimens of one level. Effects change curvature and stiffness twofold at most (a degraded skin);
+#: Within one level, effects change curvature and stiffness at most twofold (a degraded skin);
 #: the smallest ratio of two units in use is that of mmHg to kPa, 7.5.
 LEAST_FACTOR = 4.0
 #: ln of stiffness per point of degradation: films of the publication give 0.05 to 0.09.
 STEEPEST = 0.1
-#: Specimens that one is compared with: at least two of its level, within so many points, else so
-#: many nearest to it, which are those of the next level of three and one more.
+#: Specimens to compare with: at least two of the same level, within so many points, otherwise the
+#: nearest ones, which are those of the next level of three and one more.
 LEVEL, FEWEST_OF_LEVEL, NEIGHBOURS = 1.0, 2, 4
-#: From here on it is no scatter, whatever the material: two specimens of one study, or a prior.
+#: Beyond this it is not scatter in any material: two specimens of one study, or a prior.
 IMPOSSIBLE_FACTOR = 100.0
-#: Of a prior's own standard deviations: beyond 99.9 %, and where no posterior can follow.
+#: In prior standard deviations: beyond 99.9 %, where no posterior can follow.
 UNLIKELY_SDS, IMPOSSIBLE_SDS = 3.3, 5.0
-#: A median off its prior: bar for MPa is 10, and a prior may be twofold off without any fault.
+#: Median over prior: bar for MPa is 10, and a prior may be off twofold without any fault.
 LEAST_FACTOR_TO_PRIOR = 5.0
-#: Of pressures at the same curvature: two specimens of a level are nearer in stiffness than that.
+#: Ratio of pressures at equal curvature: specimens of one level are closer in stiffness.
 LEAST_FACTOR_OF_PRESSURE = 2.0
-#: Of bend angle to curvature times length: scale and fibre of reading change it 0.6 to 1.4 times.
+#: Bend angle over curvature times length: scale and traced fibre change it 0.6 to 1.4 times.
 LEAST_FACTOR_OF_ANGLE = 3.0
-#: Of bending to what the dimensions give: bulging and ballooning stay within some tenfold.
+#: Bending over that expected from dimensions: bulging and ballooning stay within tenfold.
 IMPOSSIBLE_BENDING = 30.0
-#: Of a cavity's volume to the bend angle times width times height squared: 0.2 to 0.9 of either
-#: family by finite elements; air in a line that is compressed made it 3 of a measured segment.
+#: Cavity volume over bend angle times width times height squared: 0.2 to 0.9 in both families by
+#: finite elements; compressed air in the tubing made it 3 in a measured segment.
 IMPOSSIBLE_VOLUME = 30.0
-#: Of paper or film on sides of tetrahedra, where it has no stiffness against bending [mm]: up to
-#: here that is as little as the error of a fine mesh.
+#: Thickness of paper or film on tetrahedra, where it has no bending stiffness [mm], up to which
+#: this error is as small as that of a fine mesh.
 THICKEST_WITHOUT_BENDING = 0.2
-#: By how much curvatures are too large then, over the square of the thickness [%/mm²]: those of
-#: bricks, 10 mm high, by 0.2 % at 0.1 mm, 0.5 to 0.7 at 0.2 mm and 3 at 0.5 mm, of the same E t.
+#: Resulting excess of curvatures over the square of the thickness [%/mm²]: relative to 10 mm high
+#: bricks, 0.2 % at 0.1 mm, 0.5 to 0.7 at 0.2 mm and 3 at 0.5 mm, at the same E t.
 BENDING_LEFT_OUT = 15.0
 #: Share of the largest volume that may be read at zero pressure.
 LARGEST_VOLUME_AT_REST = 0.1
-#: C1 of what actuators are moulded or printed of [MPa]: from gels of E = 3 kPa, softer than the
-#: softest silicones (Ecoflex 00-10: some 5 kPa), to polyurethanes of E = 48 MPa.
+#: C1 of moulding and printing materials [MPa]: from gels of E = 3 kPa, softer than the softest
+#: silicones (Ecoflex 00-10: some 5 kPa), to polyurethanes of E = 48 MPa.
 SOFTEST, STIFFEST = 5e-4, 8.0
-#: Below the body's C1 by this, a layer's is refused if no unit is stated: half way to a thousand.
+#: If no unit is stated, a layer is refused below this share of the body's C1: half way to 1/1000.
 MEANT_IN_MPA = 1000.0**0.5
-#: Two full turns: clamp and tip of a bar would long have met.
+#: Two full turns: clamp and tip would have met long before.
 MOST_TURNING = 4.0 * np.pi
-#: Stretch; the toughest hydrogels reach 23 (Sun et al. 2012, doi:10.1038/nature11409).
+#: Stretch: the toughest hydrogels reach 23 (Sun et al. 2012, doi:10.1038/nature11409).
 HIGHEST_STRETCH = 30.0
-#: Bending of the default actuator of either family over that of a beam whose walls do not bulge.
+#: Bending of the default actuator of either family over that of a beam without bulging walls.
 BULGING = 2.0
-#: The same of a block without slots between its chambers, whose walls get shorter as they widen:
+#: The same for a block without slots between its chambers, whose walls get shorter as they widen:
 #: 0.3 to 0.75 by finite elements.
 BULGING_WITHOUT_SLOTS = 0.5
-#: Curvature at zero pressure that reading errors (0.3 1/m by their prior) do not give [1/m].
+#: Curvature at zero pressure beyond reading errors (0.3 1/m by their prior) [1/m].
 LARGEST_AT_REST, LARGEST_SHARE_AT_REST = 1.5, 0.1
-#: That of the air in a room, to that of the air and a first step of up to 50 kPa [kPa].
+#: Ambient pressure, up to ambient pressure plus a first step of 50 kPa [kPa].
 AIR_PRESSURE = (90.0, 150.0)
-#: Change of ln response per point of degradation, four times the steepest that is known.
+#: Change of ln response per point of degradation, four times the steepest known.
 TOO_STEEP = 0.4
-#: Strain and share of the largest stress below which a sign may be that of an error of reading.
+#: Strain and share of the largest stress below which a sign may be due to reading error.
 LEAST_STRAIN, LEAST_STRESS = 0.05, 0.02
-#: Errors of reading by their priors [1/m, °]: smaller curvatures are taken to be as large.
+#: Prior reading errors [1/m, °]: smaller curvatures are replaced by these.
 CURVATURE_ERROR, ANGLE_ERROR = 0.3, 0.7
-#: Of these errors, from which on curvature and angle are compared.
+#: Multiple of these errors beyond which curvature and angle are compared.
 CLEAR = 5.0
-#: How far a ratio may be off that of a unit which is named: scatter of specimens and of priors.
+#: Tolerance for naming a unit: scatter of specimens and of priors.
 NEAR_UNIT, NEAR_UNIT_OF_PRIOR = 1.4, 2.5
 
-#: Relative width of what the digits of an angle and a curvature leave of their ratio: rows that
-#: leave less show whether one was computed from the other.
+#: Relative width that the digits of an angle and a curvature leave to their ratio: rows with a
+#: smaller one show whether one was computed from the other.
 FINE_DIGITS = 0.01
-#: Of numbers that were computed and not rounded.
+#: Relative tolerance for computed numbers that were not rounded.
 ROUNDING = 1e-9
-#: Of lengths that are called the same.
+#: Relative tolerance for equal lengths.
 SAME_LENGTH = 0.005
 
-#: Different readings of a curve that no other specimen has by chance.
+#: Number of distinct readings that two curves cannot share by chance.
 LEAST_ALIKE = 4
-#: Specimens that are compared with one another, each with each; more are taken in parts, by their
-#: degradation rates, so that work and memory grow as their number.
+#: Number of specimens compared pairwise; more are split into parts by degradation rate, so that
+#: work and memory grow linearly.
 MOST_COMPARED = 50
-#: Degradation rates, from which on one with fewer specimens stands out.
+#: Number of degradation rates from which one with fewer specimens is conspicuous.
 FEWEST_RATES = 3
 
-OTHER_UNIT = "likely another unit"
+OTHER_UNIT = "likely a different unit"
 DEGREE = np.pi / 180.0
 TINY = 1e-300
-SMALLEST_ANGLE = 1e-9  # rad; no bending at all
+SMALLEST_ANGLE = 1e-9  # rad; effectively no bending
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """A reading that is hardly what its column says.
+    """A reading that is implausible for its column.
 
     Parameters
     ----------
     fault : Fault
-        Where it stands, what it was compared with, the likely mistake, and what to do.
+        Its place, what it was compared with, the likely mistake, and what to do.
     impossible : bool
-        Whether it cannot be right, so that nothing may be computed from it.
+        Whether it cannot be right, so nothing may be computed from it.
     is_alone : bool
-        Whether it is of a single specimen, which the others contradict.
+        Whether it concerns a single specimen that the others contradict.
     """
 
     fault: Fault
@@ -160,12 +159,12 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Expected:
-    """What the priors of a study expect.
+    """Expectations from the priors of a study.
 
     Parameters
     ----------
     c1, elongation : mapping of float to Law
-        C1 [MPa] and the elongation at break [%] by degradation rate; between those in logarithms.
+        C1 [MPa] and the elongation at break [%] by degradation rate; interpolated in logarithms.
     linear_scale : float
         Length of the part over that of its mould.
     """
@@ -181,11 +180,11 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
     Parameters
     ----------
     study : Study
-        Whose tables have no faults of their own.
+        A study whose tables have no faults.
     expected : Expected
-        What its priors say.
+        Expectations from its priors.
     """
-    # numbers beyond all sense overflow, and a ratio of them is simply not compared
+    # absurd numbers overflow; their ratios are not compared
     with np.errstate(all="ignore"):
         of_films = _tension(study, expected)
         trusted = None if of_films else study.tensile
@@ -202,17 +201,17 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
 
 
 def times_stiffer(study: Study, expected: Expected) -> float:
-    """Return by how much a study's material is stiffer than expected, where it is another one.
+    """Return by what factor a study's material is stiffer than expected, if it is a different one.
 
-    1 where it is as expected, where no elastomer has the C1 that its films or moduli give, and
-    where actuators bend as the expected material would: then a unit is wrong.
+    1 where it is as expected, where no elastomer has the C1 of its films or moduli, and where
+    actuators bend as the expected material would: then a unit is wrong.
 
     Parameters
     ----------
     study : Study
-        Whose tables have no faults of their own.
+        A study whose tables have no faults.
     expected : Expected
-        What the priors of another material say, none of them stated for this one.
+        Expectations from priors of a different material, none stated for this one.
     """
     with np.errstate(all="ignore"):
         c1 = _known_c1(study)
@@ -227,9 +226,9 @@ def times_stiffer(study: Study, expected: Expected) -> float:
 
 
 def _off_bending(study: Study, expected: Expected, films: pd.DataFrame) -> float:
-    """Return how far bending is off what the C1 of films gives, or of priors; 0 if none is read.
+    """Return how far bending deviates from that expected with C1 of films or priors; 0 if not read.
 
-    The size of ln of the factor.
+    Absolute value of ln of the factor.
     """
     curves = [] if study.actuator is None else _curves(study.actuator)
     if not curves:
@@ -241,7 +240,7 @@ def _off_bending(study: Study, expected: Expected, films: pd.DataFrame) -> float
 
 
 def _known_c1(study: Study) -> pd.DataFrame:
-    """Return C1 [MPa] with its degradation rate [%]: of films, and of published moduli."""
+    """Return C1 [MPa] with its degradation rate [%]: from films and published moduli."""
     found = film_moduli(study.tensile)[["rate", "c1"]]
     if study.summary is not None:
         rows = study.summary[study.summary["quantity"] == "young_modulus"]
@@ -251,7 +250,7 @@ def _known_c1(study: Study) -> pd.DataFrame:
 
 
 def _where_it_stands(doubt: Doubt, study: Study) -> Doubt:
-    """Say of readings of lines that they come from points."""
+    """Point out that readings of lines come from points."""
     if study.line_points is None or doubt.fault.file != "actuator.csv":
         return doubt
     return replace(doubt, fault=replace(doubt.fault, file=study.lines_file))
@@ -263,7 +262,7 @@ def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
     Raises
     ------
     StudyError
-        With every doubt that is impossible.
+        Lists every impossible doubt.
     """
     found = tuple(found)
     wrong = [doubt.fault for doubt in found if doubt.impossible]
@@ -272,11 +271,11 @@ def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
     return found
 
 
-# ---- comparing
+# ---- comparisons
 
 
 def nearest_unit(factor: float, units: Units, tolerance: float) -> str | None:
-    """Return the unit of which numbers are so many times too large; None if none is near.
+    """Return the unit whose factor is nearest; None if none is near.
 
     Examples
     --------
@@ -289,7 +288,7 @@ def nearest_unit(factor: float, units: Units, tolerance: float) -> str | None:
 
 
 def off_neighbours(differences: Floats, rates: Floats) -> Floats:
-    r"""Return ln of the factor by which each specimen is off those nearest to it; 0 if it is not.
+    r"""Return ln of the factor by which each specimen is off its neighbours; 0 if it is not.
 
     It is off if :math:`|d_{ij}| - s |D_i - D_j|` is above ln `LEAST_FACTOR` for most of the nearest
     j, with s the steepest effect of degradation.
@@ -297,7 +296,7 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
     Parameters
     ----------
     differences : array, shape (n, n)
-        ln of what i has over what j has; nan where they cannot be compared.
+        ln of the value of i over that of j; nan where they cannot be compared.
     rates : array, shape (n,)
         Degradation rates [%].
 
@@ -317,7 +316,7 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
         of_level = int(np.sum(distance[others] <= LEVEL))
         nearest = np.array(others[: of_level if of_level >= FEWEST_OF_LEVEL else NEIGHBOURS])
         excess = np.abs(row[nearest]) - STEEPEST * distance[nearest]
-        # the lower median: of two others both must disagree, else the one may be wrong itself
+        # the lower median: of two neighbours both must disagree, as one may be wrong itself
         if np.quantile(excess, 0.5, method="lower") > np.log(LEAST_FACTOR):
             at_least = distance[nearest] <= distance[nearest].min() + LEVEL
             found[i] = np.median(row[nearest[at_least]])
@@ -338,7 +337,7 @@ def _prior_at(laws: Mapping[float, Law], rates: Floats) -> tuple[Floats, Floats]
 def _median_and_above(law: Law) -> Floats:
     """Return a law's median, and its quantile one standard deviation of a normal law above.
 
-    Those of a log-normal law, which these priors are by default, need no special function.
+    For a log-normal law, the default here, no special function is needed.
     """
     if isinstance(law, LogNormal):
         return law.median * np.exp([0.0, law.sigma])
@@ -346,9 +345,9 @@ def _median_and_above(law: Law) -> Floats:
 
 
 def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Law]) -> tuple[float, bool | None]:
-    """Return ln of the factor by which the median is off its prior, and whether that is impossible.
+    """Return ln of the median over its prior, and whether that is impossible.
 
-    None in place of that if it is likely enough.
+    The second is None if it is plausible.
     """
     median, sd = _prior_at(laws, rates)
     off = logs - median
@@ -362,12 +361,12 @@ def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Law]) -> tuple[
 
 
 def _factor(log_factor: float) -> float:
-    """Return a factor of which the inverse is a number too."""
+    """Return a factor clipped so that its inverse is finite."""
     return float(np.exp(np.clip(log_factor, np.log(TINY), -np.log(TINY))))
 
 
 def _times(factor: float) -> str:
-    """Say a factor, of what is too small as a division.
+    """Word a factor; factors below 1 as a fraction.
 
     Examples
     --------
@@ -399,11 +398,11 @@ def _likely(factor: float, units: Units, tolerance: float, *, otherwise: str = O
 
 
 def _and_others(count: int, total: int) -> str:
-    return f" (so are {count - 1} of the other {total - 1} specimens)" if count > 1 else ""
+    return f" (as in {count - 1} of the other {total - 1} specimens)" if count > 1 else ""
 
 
 def _told(wrong: Sequence[Fault], total: int) -> list[Fault]:
-    """Return one fault for all where at least half of the specimens have it, else each."""
+    """Return one common fault if at least half of the specimens have it, else each."""
     if len(wrong) < 2 or 2 * len(wrong) < total:
         return list(wrong)
     first = wrong[0]
@@ -417,7 +416,7 @@ def film_moduli(tensile: pd.DataFrame | None) -> pd.DataFrame:
     r"""Return C1 of each film from its smallest strains, with its degradation rate.
 
     The stress of a neo-Hookean solid over :math:`2 (\lambda - \lambda^{-n})`, with n of 2, 3 or 5
-    in uniaxial, planar and equibiaxial tension, times λ where the stress is Cauchy's.
+    in uniaxial, planar and equibiaxial tension, times λ for Cauchy stress.
 
     Parameters
     ----------
@@ -428,7 +427,7 @@ def film_moduli(tensile: pd.DataFrame | None) -> pd.DataFrame:
     -------
     pandas.DataFrame
         By specimen: ``rate`` [%], ``c1`` [MPa], which is not positive where signs are wrong, and
-        ``stress`` [MPa], one of those it comes from.
+        ``stress`` [MPa], one of the stresses used.
     """
     rows = []
     if tensile is not None:
@@ -445,7 +444,7 @@ def film_moduli(tensile: pd.DataFrame | None) -> pd.DataFrame:
 
 
 def _rows_of_each(names: pd.Series) -> Iterator[tuple[object, NDArray[np.intp]]]:
-    """Yield every name with the places of its rows, in the order of the first of them."""
+    """Yield every name with the positions of its rows, in order of first appearance."""
     codes, unique = pd.factorize(names)
     order = np.argsort(codes, kind="stable")
     ends = np.cumsum(np.bincount(codes, minlength=len(unique)))
@@ -463,7 +462,7 @@ def _tension(study: Study, expected: Expected) -> list[Doubt]:
     if study.tensile is None:
         return []
     found = [*_stretches(study.tensile)] or [*_signs(study.tensile)]
-    if found:  # moduli would only repeat it
+    if found:  # moduli would repeat it
         return found
     films = film_moduli(study.tensile)
     films = films[films["c1"] > 0.0]
@@ -475,14 +474,14 @@ def _stretches(tensile: pd.DataFrame) -> Iterator[Doubt]:
     wrong = largest[largest > HIGHEST_STRETCH]
     if wrong.empty:
         return
-    # a curve in percent begins at 100, one of strain in percent near 0
+    # stretch in percent begins at 100, strain in percent near 0
     smallest = float(tensile.groupby("specimen_id")["stretch"].min().median())
     likely, remedy = (
         ("stretch in percent", "divide by 100")
         if smallest >= 100.0 * (1.0 - LEAST_STRAIN)
         else ("strain in percent", "divide by 100 and add 1")
     )
-    problem = f"is more than any gel or rubber stretches ({HIGHEST_STRETCH:g} times); likely "
+    problem = f"is beyond any gel or rubber (stretch up to {HIGHEST_STRETCH:g}); likely "
     faults = [
         _fault(
             "tensile.csv", name, "stretch", value, problem + likely, f"{remedy}; 1 is unstrained"
@@ -509,12 +508,12 @@ def _wrong_sign(row: "pd.Series[float]", *, as_strain: bool) -> Fault:
     stretch, stress = float(row["stretch"]), float(row["stress_MPa"])
     if as_strain:
         column, value = "stretch", stretch
-        problem = f"is compression, yet the stress of the same row is tensile ({stress:g} MPa)"
-        remedy = "likely strain in place of stretch: add 1, so that 1 is unstrained"
+        problem = f"is compression, but the stress in the same row is tensile ({stress:g} MPa)"
+        remedy = "likely strain instead of stretch: add 1, so that 1 is undeformed"
     else:
         column, value = "stress_MPa", stress
-        problem = f"has the wrong sign: the film is at a stretch of {stretch:g}"
-        remedy = "give tension as positive; a testing machine may count it as negative"
+        problem = f"has the wrong sign at a stretch of {stretch:g}"
+        remedy = "give tension as positive; some testing machines record it as negative"
     return _fault("tensile.csv", row["specimen_id"], column, value, problem, remedy)
 
 
@@ -531,19 +530,19 @@ def _moduli(films: pd.DataFrame, expected: Expected) -> Iterator[Doubt]:
     impossible = impossible or not SOFTEST <= np.median(c1) <= STIFFEST
     rate = " at this degradation rate" if rates.any() else ""
     problem = (
-        f"gives C1 = {c1[middle]:.3g} MPa at small strain; the films are {_times(factor)} "
-        f"what the prior expects ({prior:.3g} MPa{rate}); {guess}"
+        f"gives C1 = {c1[middle]:.3g} MPa at small strain, which is {_times(factor)} "
+        f"the prior median ({prior:.3g} MPa{rate}); {guess}"
     )
-    remedy = "give MPa; if the stress is right, state the prior of c1_at_… in study.toml"
+    remedy = "give MPa; if the stress is right, set the prior of c1_at_… in study.toml"
     name, stress = str(films.index[middle]), float(films["stress"].iloc[middle])
     yield Doubt(_fault("tensile.csv", name, "stress_MPa", stress, problem, remedy), impossible)
 
 
 def _stress_units(films: pd.DataFrame, log_factor: float) -> list[str]:
-    """Return the units in which the stress of films may be, the likeliest first.
+    """Return possible units of the films' stress, the likeliest first.
 
-    That which the factor to the prior gives; and kPa, where no elastomer has the C1 that is read,
-    while the thousandth of it is that of one.
+    The unit that matches the factor to the prior; and kPa, where no elastomer has the C1 as read
+    but one has a thousandth of it.
     """
     unit = nearest_unit(_factor(log_factor), STRESS_UNITS, NEAR_UNIT_OF_PRIOR)
     found, c1 = [unit] if unit else [], float(films["c1"].median())
@@ -553,10 +552,10 @@ def _stress_units(films: pd.DataFrame, log_factor: float) -> list[str]:
 
 
 def _in_likely_unit(study: Study, expected: Expected) -> pd.DataFrame:
-    """Return films that are in doubt as the likeliest unit of their stress makes them.
+    """Return doubtful films converted from the likeliest unit of their stress.
 
-    Of several the one with which the actuators bend as they do. None of the films where no unit
-    explains them: what is compared with C1 is then left to the priors.
+    Of several units the one that agrees with the actuators' bending. No films where no unit
+    explains them: C1 is then taken from the priors.
     """
     films = film_moduli(study.tensile)
     films = films[films["c1"] > 0.0]
@@ -582,9 +581,9 @@ def _odd_ones(
     units: Units,
     remedy: str,
 ) -> Iterator[Doubt]:
-    """Doubt each specimen of a table that is far off its neighbours; ``place`` names file, column.
+    """Doubt each specimen that is far off its neighbours; ``place`` names file and column.
 
-    The third of ``place`` says in words what is compared.
+    The third entry of ``place`` words the compared quantity.
     """
     file, column, what = place
     off = _off(table["rate"].to_numpy(float), lambda part: logs[part, None] - logs[part])
@@ -594,10 +593,10 @@ def _odd_ones(
     names = [str(name) for name in table.index]
     for i in wrong:
         factor = _factor(off[i])
-        slip = "likely another unit, a slipped decimal point or another material"
+        slip = "likely a different unit, a slipped decimal point or a different material"
         guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
         problem = f"makes the {what} {_times(factor)} that of the specimens nearest in D_R; {guess}"
-        said = f"{remedy}; compare it with the record of the test, or leave the specimen out"
+        said = f"{remedy}; compare with the test record, or leave the specimen out"
         impossible = bool(abs(off[i]) >= np.log(IMPOSSIBLE_FACTOR))
         yield Doubt(_fault(file, names[i], column, values[i], problem, said), impossible)
 
@@ -618,7 +617,7 @@ def _elongation(
 def _all_elongations(
     table: pd.DataFrame, tensile: pd.DataFrame | None, expected: Expected
 ) -> Iterator[Doubt]:
-    """Doubt elongations that are below how far films were stretched, or far off their prior."""
+    """Doubt elongations that are below the films' stretch, or far off their prior."""
     values, rates = table["value"].to_numpy(float), table["rate"].to_numpy(float)
     place = ("break.csv", str(table.index[0]), "elongation_pct", float(values[0]))
     remedy = "give 100 (stretch at break − 1), 210 for a film that breaks at 3.1 times its length"
@@ -628,20 +627,20 @@ def _all_elongations(
     if stretched is not None and beyond < -np.log(LEAST_FACTOR):
         films = "films of that degradation rate" if rates.any() else "films"
         problem = (
-            f"is, as the others, far below how far {films} were stretched in "
+            f"is, like the others, far below the elongation that {films} reached in "
             f"tensile.csv (1/{_short(_factor(-beyond))} of that); likely a fraction or a stretch "
-            "in place of percent"
+            "instead of percent"
         )
         yield Doubt(_fault(*place, problem, remedy), True)
     elif impossible is not None:
         factor = _factor(log_factor)
         guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
-        problem = f"is, as the others, {_times(factor)} what the prior expects; {guess}"
+        problem = f"is, like the others, {_times(factor)} the prior median; {guess}"
         yield Doubt(_fault(*place, problem, remedy), impossible)
 
 
 def _stretched(tensile: pd.DataFrame | None, rates: Floats) -> Floats | None:
-    """Return how far films of these degradation rates were stretched [%]; None if none was."""
+    """Return the elongation reached by films of these degradation rates [%]; None if none was."""
     if tensile is None:
         return None
     films = tensile.groupby("specimen_id").agg({"degradation_pct": "first", "stretch": "max"})
@@ -669,8 +668,8 @@ def _published(study: Study, expected: Expected) -> Iterator[Doubt]:
         if impossible is not None:
             factor = _factor(log_factor)
             guess = _likely(factor, units, NEAR_UNIT_OF_PRIOR)
-            problem = f"({quantity}) is {_times(factor)} what the prior expects; {guess}"
-            remedy = f"give {unit}, or state the prior in study.toml"
+            problem = f"({quantity}) is {_times(factor)} the prior median; {guess}"
+            remedy = f"give {unit}, or set the prior in study.toml"
             yield Doubt(
                 _fault("summary.csv", None, "value", values[0], problem, remedy), impossible
             )
@@ -680,7 +679,7 @@ def _published(study: Study, expected: Expected) -> Iterator[Doubt]:
 
 
 def _thick_layer(settings: Settings) -> Iterator[Doubt]:
-    """Doubt paper or film on tetrahedra that is too thick to be taken without its bending."""
+    """Doubt paper or film on tetrahedra that is too thick to neglect its bending stiffness."""
     mould, thickness = settings.dimensions, settings.paper_thickness_mm
     if (
         not isinstance(mould, MeshDimensions)
@@ -690,10 +689,10 @@ def _thick_layer(settings: Settings) -> Iterator[Doubt]:
     ):
         return
     problem = (
-        "is the thickness of a layer that has no stiffness against bending on tetrahedra: "
-        f"curvatures come out about {BENDING_LEFT_OUT * thickness**2:.2g} % too large"
+        "is the thickness of a layer modelled without bending stiffness on tetrahedra: curvatures "
+        f"will be about {BENDING_LEFT_OUT * thickness**2:.2g} % too large"
     )
-    remedy = "mesh the part with hexahedra, or add that to mesh_error"
+    remedy = "mesh the part with hexahedra, or add this to mesh_error"
     yield Doubt(_fault("study.toml", None, "thickness", thickness, problem, remedy), False)
 
 
@@ -701,7 +700,7 @@ def _thick_layer(settings: Settings) -> Iterator[Doubt]:
 
 
 def _rates(study: Study) -> Iterator[Doubt]:
-    """Doubt rates that are all below 1 % while what they should explain changes as over tens."""
+    """Doubt rates that are all below 1 % although responses change as over tens of percent."""
     for file, table in _responses(study):
         rates = table["rate"].to_numpy(float)
         if len(table) < 3 or not 0.02 <= np.ptp(rates) <= 1.0 or np.abs(rates).max() > 1.0:
@@ -712,10 +711,10 @@ def _rates(study: Study) -> Iterator[Doubt]:
         factor = _factor(abs(steep) * np.ptp(rates))
         problem = (
             f"is the largest degradation rate, yet {table.attrs['what']} changes "
-            f"{_times(factor)} over {np.ptp(rates):.2g} points; likely a fraction in place of "
+            f"{_times(factor)} over {np.ptp(rates):.2g} points; likely a fraction instead of "
             "percent"
         )
-        remedy = "give percent, 25 and not 0.25"
+        remedy = "give percent: 25, not 0.25"
         at = int(np.argmax(rates))
         fault = _fault(file, str(table.index[at]), "degradation_pct", rates[at], problem, remedy)
         yield Doubt(fault, True)
@@ -724,7 +723,7 @@ def _rates(study: Study) -> Iterator[Doubt]:
 def steepness(rates: Floats, logs: Floats) -> float:
     """Return the median slope over pairs of specimens, per point of degradation; 0 without pairs.
 
-    Theil and Sen's estimate, which a quarter of wrong specimens does not move far.
+    The Theil–Sen estimate, robust against a quarter of wrong specimens.
 
     Examples
     --------
@@ -740,7 +739,7 @@ def steepness(rates: Floats, logs: Floats) -> float:
 
 
 def _responses(study: Study) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield what changes with degradation in each file: rate and a positive value by specimen."""
+    """Yield each file's response to degradation: rate and a positive value by specimen."""
     films = film_moduli(study.tensile).rename(columns={"c1": "value"})
     films.attrs["what"] = "the stiffness of the films"
     yield "tensile.csv", films[films["value"] > 0.0]
@@ -775,13 +774,13 @@ class _Curve:
 
 @dataclass(frozen=True)
 class _Material:
-    """C1 by degradation rate: of the films, where they may be trusted, else of the priors."""
+    """C1 by degradation rate: from the films where they are reliable, else from the priors."""
 
     expected: Expected
     films: pd.DataFrame
 
     def c1(self, rates: Floats) -> tuple[Floats, str]:
-        """Return C1 [MPa], nan where nothing is known of it, and where it is from."""
+        """Return C1 [MPa], nan where unknown, and its source."""
         if not len(self.films):
             return np.exp(_prior_at(self.expected.c1, rates)[0]), "the prior"
         levels = np.log(self.films["c1"]).groupby(self.films["rate"]).median()
@@ -790,9 +789,9 @@ class _Material:
 
 
 def _layer_unit(settings: Settings, material: _Material) -> Iterator[Doubt]:
-    """Doubt constants of an elastomer layer that are far softer than the body, or than any.
+    """Doubt constants of an elastomer layer far softer than the body, or than any elastomer.
 
-    A layer is there to stretch less. Where no unit is stated it is kPa; a layer that is then
+    The layer should stretch less than the body. Without a stated unit kPa is assumed; a layer then
     softer than the body may be meant in MPa.
     """
     if not settings.constraint.is_slab:
@@ -804,27 +803,27 @@ def _layer_unit(settings: Settings, material: _Material) -> Iterator[Doubt]:
     if not (layer < softest or layer > STIFFEST):
         return
     in_mpa = (
-        f"; {value:g} MPa would be {_times(value / body)} it"
+        f"; {value:g} MPa would be {_times(value / body)} that"
         if stated is None and layer < softest
         else ""
     )
     problem = (
-        f"is {value:g} {stated or 'kPa, as no unit is stated'}: {_times(layer / body)} the C1 of "
-        f"the body ({1e3 * body:.3g} kPa by {source}){in_mpa}"
+        f"is {value:g} {stated or 'kPa, the default unit'}: {_times(layer / body)} the C1 of the "
+        f"body ({1e3 * body:.3g} kPa from {source}){in_mpa}"
     )
-    remedy = 'write unit = "MPa" or unit = "kPa" in [constraint], of C1, C2 and C3'
+    remedy = 'write unit = "MPa" or unit = "kPa" in [constraint]; it applies to C1, C2 and C3'
     refused = stated is None and (layer * MEANT_IN_MPA < body or layer > STIFFEST)
     yield Doubt(_fault("study.toml", None, "constraint.C1", value, problem, remedy), refused)
 
 
 def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows before anything can have crept, softened or set."""
+    """Return the rows before any creep, softening or set."""
     first = actuator.groupby("specimen_id")["cycle"].transform("min")
     return actuator[(actuator["cycle"] == first) & (actuator["branch"] == "loading")]
 
 
 def _curves(actuator: pd.DataFrame) -> list[_Curve]:
-    """Return the curves of specimens that have a reading under pressure."""
+    """Return the curves of specimens that have readings under pressure."""
     found = []
     for name, rows in _first_loading(actuator).groupby("specimen_id", sort=False):
         read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
@@ -837,9 +836,9 @@ def _curves(actuator: pd.DataFrame) -> list[_Curve]:
 
 
 def bending_of_beam(mould: Mould) -> float:
-    """Return the bend angle over p/C1 that an actuator of these dimensions has, roughly [rad].
+    """Return the approximate bend angle over p/C1 of an actuator of these dimensions [rad].
 
-    That of a beam of its section (`Mould.beam_bending`), times `BULGING`, or
+    The angle of a beam of its section (`Mould.beam_bending`), times `BULGING`, or
     `BULGING_WITHOUT_SLOTS`. The angle does not depend on the scale of the part.
 
     Examples
@@ -877,15 +876,15 @@ def _bending(study: Study, material: _Material) -> list[Doubt]:
 def _still(curves: list[_Curve], *, impossible: bool) -> Iterator[Doubt]:
     """Doubt actuators that did not bend at all."""
     for curve in curves:
-        problem = f"reads 0 at every pressure, up to {curve.pressure[-1]:g} kPa"
-        remedy = "check its tubing and how it was read, or leave the specimen out"
+        problem = f"is 0 at every pressure up to {curve.pressure[-1]:g} kPa"
+        remedy = "check the tubing and the reading, or leave the specimen out"
         fault = _fault("actuator.csv", curve.name, "curvature_per_m", 0.0, problem, remedy)
         yield Doubt(fault, impossible, is_alone=not impossible)
 
 
 def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
     largest = max(float(np.abs(curve.curvature).max()) for curve in curves)
-    remedy = "give bending towards the paper as positive, which is where pressure bends it"
+    remedy = "give bending towards the paper, the direction under pressure, as positive"
     backwards, against = [], []
     for curve in curves:
         end, angle = float(curve.curvature[-1]), float(curve.angle[-1])
@@ -894,7 +893,7 @@ def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
             place = ("actuator.csv", curve.name, "curvature_per_m", end)
             backwards.append(_fault(*place, problem, remedy))
         elif end > max(LARGEST_SHARE_AT_REST * largest, CURVATURE_ERROR) and angle < -ANGLE_ERROR:
-            problem = f"has another sign than the curvature of the same row ({end:g} 1/m)"
+            problem = f"has the opposite sign of the curvature in the same row ({end:g} 1/m)"
             place = ("actuator.csv", curve.name, "bend_angle_deg", angle)
             against.append(_fault(*place, problem, remedy))
     yield from _all(_told(backwards, len(curves)), impossible=True)
@@ -923,22 +922,22 @@ def _angles(
 
 
 def _wrong_angle(curve: _Curve, factor: float, per_pressure: float, length: float) -> Fault:
-    """Say that angle and curvature disagree, and which of both the pressure speaks against."""
+    """Say that angle and curvature disagree, and which of them contradicts the pressure."""
     likely = per_pressure * float(curve.pressure[-1])
     by_curvature = float(curve.curvature[-1]) * length
     by_angle = DEGREE * float(curve.angle[-1])
-    remedy = f"and check the length in study.toml, which gives an arc of {1e3 * length:.3g} mm"
+    remedy = f"and check the length in study.toml (arc length {1e3 * length:.3g} mm)"
     if abs(_log(by_curvature) - _log(likely)) > abs(_log(by_angle) - _log(likely)):
         guess = _likely(1.0 / factor, CURVATURE_UNITS, NEAR_UNIT)
         problem = (
-            f"is {_times(1.0 / factor)} what the bend angle of the same row gives "
+            f"is {_times(1.0 / factor)} the value from the bend angle in the same row "
             f"({by_angle / length:.3g} 1/m); {guess}"
         )
         place = ("curvature_per_m", float(curve.curvature[-1]))
         return _fault("actuator.csv", curve.name, *place, problem, f"give 1/m, {remedy}")
     guess = _likely(factor, ANGLE_UNITS, NEAR_UNIT)
     problem = (
-        f"is {_times(factor)} what the curvature of the same row gives "
+        f"is {_times(factor)} the value from the curvature in the same row "
         f"({by_curvature / DEGREE:.3g}°); {guess}"
     )
     place = ("bend_angle_deg", float(curve.angle[-1]))
@@ -946,10 +945,10 @@ def _wrong_angle(curve: _Curve, factor: float, per_pressure: float, length: floa
 
 
 def computed_angles(actuator: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return at which rows the bend angle is the curvature times one length, to the last digit.
+    """Return at which rows the bend angle is curvature times one length, to the last digit.
 
-    That length is the same on all rows, or on those of a specimen. Such an angle was not read: it
-    was computed from the curvature, or the curvature from it.
+    The length is the same on all rows, or on those of a specimen. Such an angle was not read: one
+    of the two was computed from the other.
 
     Parameters
     ----------
@@ -980,7 +979,7 @@ def computed_angles(actuator: pd.DataFrame) -> NDArray[np.bool_]:
 
 
 def implied_lengths(actuator: pd.DataFrame) -> pd.DataFrame:
-    """Return the smallest and largest ratio of angle to curvature [m] that their digits allow."""
+    """Return the smallest and largest ratio of angle to curvature [m] that digits allow."""
     bend, angle = actuator["curvature_per_m"], actuator["bend_angle_deg"]
     size, turned = bend.abs(), DEGREE * angle * np.sign(bend)
     of_bend, of_angle = (
@@ -995,14 +994,14 @@ def implied_lengths(actuator: pd.DataFrame) -> pd.DataFrame:
 
 
 def _is_one_length(lengths: pd.DataFrame) -> bool:
-    """Return whether one length is within the digits of all rows, and enough of them are fine."""
+    """Return whether one length fits the digits of all rows, and enough rows are precise."""
     least, most = lengths["least"].max(), lengths["most"].min()
     fine = (lengths["most"] - lengths["least"]) <= FINE_DIGITS * lengths["most"].abs()
     return bool(fine.sum() >= LEAST_ALIKE and 0.0 < least <= most)
 
 
 def _half_digit(values: pd.Series) -> pd.Series:
-    """Return half of the last digit of each number, where all have as many decimals or digits."""
+    """Return half a unit in the last place of each number, assuming equal decimals or digits."""
     digits = [Decimal(repr(float(x))).normalize().as_tuple() for x in values.dropna() if x]
     if not digits:
         return pd.Series(0.0, index=values.index)
@@ -1029,23 +1028,23 @@ def _computed(study: Study) -> Iterator[Doubt]:
     one = high - low <= SAME_LENGTH * high
     which = f"{middle.median():.1f} mm" if one else f"{low:.1f} to {high:.1f} mm, by specimen"
     same = one and abs(middle.median() - stated) <= SAME_LENGTH * stated
-    says = "which study.toml says too" if same else f"where study.toml says {stated:g} mm"
+    says = "as in study.toml" if same else f"but study.toml has {stated:g} mm"
     angle = actuator["bend_angle_deg"]
     problem = (
-        f"is curvature_per_m times a length, to the last digit, on {int(rows.sum())} of "
-        f"{int(angle.notna().sum())} rows with an angle: {which}, {says}; one was computed from "
-        "the other, so the curvature alone is used and the angle adds nothing"
+        f"equals curvature_per_m times a length, to the last digit, on {int(rows.sum())} of "
+        f"{int(angle.notna().sum())} rows with an angle ({which}, {says}): one was computed "
+        "from the other, so the angle adds no information and only the curvature is used"
     )
-    remedy = "give the angle that was read, or leave it out"
+    remedy = "give angles that were read, or leave them out"
     if not same:
-        remedy += "; check the length that one was computed from the other with"
+        remedy += "; check the length used in the computation"
     yield Doubt(
         _fault("actuator.csv", None, "bend_angle_deg", angle[rows].iloc[-1], problem, remedy), False
     )
 
 
 def _log(value: float) -> float:
-    """Return ln of the size of a value, of 0 something very small."""
+    """Return ln of the absolute value; for 0, of something very small."""
     return float(np.log(max(abs(value), TINY)))
 
 
@@ -1065,7 +1064,7 @@ def _wound(curves: list[_Curve], length: float) -> Iterator[Doubt]:
 
 
 def _log_bending(curves: list[_Curve], material: _Material, beam: float, length: float) -> Floats:
-    """Return ln of each actuator's bending over what C1 and the dimensions give."""
+    """Return ln of each actuator's bending over that expected from C1 and the dimensions."""
     pressure = np.array([curve.pressure[-1] for curve in curves])
     turned = np.array([max(curve.curvature[-1] * length, SMALLEST_ANGLE) for curve in curves])
     load = 1e-3 * pressure / material.c1(np.array([curve.rate for curve in curves]))[0]
@@ -1076,10 +1075,10 @@ def _log_bending(curves: list[_Curve], material: _Material, beam: float, length:
 def _compliance(
     curves: list[_Curve], material: _Material, beam: float, length: float
 ) -> Iterator[Doubt]:
-    """Doubt pressure or curvature of all actuators together, against C1 and the dimensions."""
+    """Doubt pressure or curvature of all actuators, given C1 and the dimensions."""
     off = _log_bending(curves, material, beam, length)
     log_factor = float(np.median(off))
-    if not abs(log_factor) > np.log(LEAST_FACTOR):  # nan where nothing is known of C1
+    if not abs(log_factor) > np.log(LEAST_FACTOR):  # nan where C1 is unknown
         return
     at = int(np.argsort(off)[len(off) // 2])
     c1, source = material.c1(np.array([curves[at].rate]))
@@ -1092,12 +1091,12 @@ def _compliance(
 def _stiff_or_soft(
     curve: _Curve, ratios: tuple[float, float], compared: str, length: float
 ) -> Fault:
-    """Say that bending does not go with pressure; ``ratios`` are of bending and p/C1."""
+    """Say that bending does not match pressure; ``ratios`` are bending over expected, and p/C1."""
     factor, load = ratios
     turned = float(curve.curvature[-1]) * length
     by_pressure = _likely(1.0 / factor, PRESSURE_UNITS, NEAR_UNIT_OF_PRIOR, otherwise="")
     by_curvature = _likely(factor, CURVATURE_UNITS, NEAR_UNIT_OF_PRIOR, otherwise="")
-    # what is within a usual range is right: p/C1 of 0.02 to 5, some degrees to a turn of bending
+    # values in their usual range are right: p/C1 of 0.02 to 5, bending of some degrees to a turn
     pressure_odd, curvature_odd = not 0.02 <= load <= 5.0, not 0.05 <= turned <= 2.0 * np.pi
     guesses = [f"pressure {by_pressure}"] if by_pressure and not curvature_odd else []
     guesses += [f"curvature {by_curvature}"] if by_curvature and not pressure_odd else []
@@ -1105,12 +1104,12 @@ def _stiff_or_soft(
     if curvature_odd and not pressure_odd:
         column, value = ("curvature_per_m", float(curve.curvature[-1]))
     problem = (
-        f"does not go with the rest: {_short(curve.curvature[-1])} 1/m at "
-        f"{_short(curve.pressure[-1])} kPa is {_times(factor)} the bending that the dimensions "
-        f"and the C1 of {compared} give, and p/C1 is {_short(load)}; "
+        f"is inconsistent: {_short(curve.curvature[-1])} 1/m at "
+        f"{_short(curve.pressure[-1])} kPa is {_times(factor)} the bending expected from the "
+        f"dimensions and the C1 of {compared}, and p/C1 is {_short(load)}; "
         f"{' or '.join(guesses) or OTHER_UNIT}"
     )
-    remedy = "give kPa and 1/m; else check [actuator] and the priors of c1_at_… in study.toml"
+    remedy = "give kPa and 1/m; otherwise check [actuator] and the priors of c1_at_… in study.toml"
     return _fault("actuator.csv", curve.name, column, value, problem, remedy)
 
 
@@ -1147,17 +1146,17 @@ def _volumes(study: Study, length: float) -> Iterator[Doubt]:
 
 def _wrong_volume(name: str, value: float, factor: float) -> Doubt:
     problem = (
-        f"is, as the others, {_times(factor)} what width, height and bend angle of the actuator "
-        f"sweep; {_likely(factor, VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)}"
+        f"is, like the others, {_times(factor)} the volume swept by width, height and bend "
+        f"angle of the actuator;  {_likely(factor, VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)}"
     )
-    remedy = "give ml, which are cm³; else check [actuator] in study.toml, which is in mm"
+    remedy = "give ml (cm³); otherwise check [actuator] in study.toml, in mm"
     place = ("actuator.csv", name, "cavity_volume_ml", value)
     return Doubt(_fault(*place, problem, remedy), True)
 
 
 def _shrunk(last: "pd.Series[float]", total: int) -> Iterator[Doubt]:
-    problem = "is negative at the largest pressure, which widens the chambers"
-    remedy = "give the volume of the chambers less that at zero pressure as positive"
+    problem = "is negative at the largest pressure, although pressure widens the chambers"
+    remedy = "give the increase of the volume over that at zero pressure as positive"
     faults = [
         _fault("actuator.csv", name, "cavity_volume_ml", value, problem, remedy)
         for name, value in last[last < 0.0].items()
@@ -1169,8 +1168,8 @@ def _not_from_rest(rows: pd.DataFrame, last: "pd.Series[float]") -> Iterator[Dou
     at_rest = rows[rows["pressure_kPa"].abs() <= 1e-9].drop_duplicates("specimen_id")
     largest = at_rest["specimen_id"].map(last.abs())
     far = at_rest["cavity_volume_ml"].abs() > LARGEST_VOLUME_AT_REST * largest
-    problem = "is the volume at zero pressure, which is to be taken off every reading"
-    remedy = "take it off the volumes of this specimen, so that it reads 0 without pressure"
+    problem = "is the volume at zero pressure, which must be subtracted from every reading"
+    remedy = "subtract it from the volumes of this specimen, so that the first is 0"
     faults = [
         _fault("actuator.csv", row["specimen_id"], "cavity_volume_ml", value, problem, remedy)
         for (_, row), value in zip(
@@ -1196,7 +1195,7 @@ def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:
 
 
 def _off(rates: Floats, differences: Callable[[Integers], Floats]) -> Floats:
-    """Return what `off_neighbours` says; of many specimens, among those alike in rate."""
+    """Return `off_neighbours`; for many specimens, among those of similar rate."""
     found = np.zeros(len(rates))
     parts = -(-len(rates) // MOST_COMPARED)
     for part in np.array_split(np.argsort(rates, kind="stable"), parts) if parts else ():
@@ -1217,14 +1216,14 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
         column, units, values, unit = "pressure_kPa", PRESSURE_UNITS, curve.pressure, "kPa"
     exact = float(np.median([ratio(curve, other) for other in near]))
     factor = exact if np.isfinite(exact) and exact > 0.0 else factor
-    slip = "likely another unit, a slipped decimal point or an exchanged label"
+    slip = "likely a different unit, a slipped decimal point or a swapped label"
     guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
     at_same = "for the same curvature" if is_of_pressure else "at the same pressure"
     names = ", ".join(c.name for c in near[:3])
     problem = (
         f"is {_times(factor)} that of the actuators nearest in D_R {at_same} ({names}); {guess}"
     )
-    remedy = f"give {unit}; compare it with the record of the test, or leave the specimen out"
+    remedy = f"give {unit}; compare with the test record, or leave the specimen out"
     fault = _fault("actuator.csv", curve.name, column, float(values[-1]), problem, remedy)
     return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)), is_alone=True)
 
@@ -1232,8 +1231,8 @@ def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
 def _log_ratio(one: _Curve, other: _Curve) -> float:
     """Return ln of the ratio of curvatures at the largest pressure that both were read at.
 
-    Where the pressures of both do not meet, of the curvatures over their pressures. Near ballooning
-    curvatures differ much at the same pressure, and pressures little at the same curvature: then 0.
+    If their pressures do not overlap, the ratio of curvatures over pressures. Near ballooning,
+    curvatures differ much at equal pressure, and pressures little at equal curvature: then 0.
     """
     bent = min(float(one.curvature.max()), float(other.curvature.max())) > CURVATURE_ERROR
     if bent and abs(np.log(_pressure_ratio(one, other))) < np.log(LEAST_FACTOR_OF_PRESSURE):
@@ -1248,14 +1247,14 @@ def _log_ratio(one: _Curve, other: _Curve) -> float:
 
 
 def _curvature_ratio(one: _Curve, other: _Curve) -> float:
-    """Return the ratio of curvatures at the end of the shorter curve, however small they are."""
+    """Return the ratio of curvatures at the end of the shorter curve, even if small."""
     top = min(one.pressure[-1], other.pressure[-1])
     first, second = (float(np.interp(top, c.pressure, c.curvature)) for c in (one, other))
     return first / second if second != 0.0 else float("nan")
 
 
 def _pressure_ratio(one: _Curve, other: _Curve) -> float:
-    """Return the ratio of the pressures that bend both alike, near the end of their curves."""
+    """Return the ratio of pressures at equal curvature, near the end of the curves."""
     reached = 0.8 * min(float(one.curvature.max()), float(other.curvature.max()))
     first, second = (
         float(np.interp(reached, [0.0, *_rising(c)], [0.0, *c.pressure])) for c in (one, other)
@@ -1269,7 +1268,7 @@ def _rising(curve: _Curve) -> Floats:
 
 
 def _duplicates(actuator: pd.DataFrame) -> Iterator[Doubt]:
-    """Doubt curves that are those of another specimen, to the last digit."""
+    """Doubt curves that equal those of a different specimen to the last digit."""
     seen: dict[tuple[tuple[float, ...], ...], str] = {}
     for name, rows in actuator.groupby("specimen_id", sort=False):
         read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
@@ -1280,14 +1279,14 @@ def _duplicates(actuator: pd.DataFrame) -> Iterator[Doubt]:
             problem = (
                 f"and all other curvatures are those of specimen '{seen[curve]}' to the last digit"
             )
-            remedy = "one of both is likely a copy: give what was read on each, or leave one out"
+            remedy = "one is likely a copy: give the readings of each, or leave one out"
             place = ("actuator.csv", name, "curvature_per_m", float(curve[1][-1]))
             yield Doubt(_fault(*place, problem, remedy), False)
         seen.setdefault(curve, str(name))
 
 
 def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
-    """Doubt that all specimens of the highest degradation rate are there, where others are more."""
+    """Doubt that all specimens of the highest degradation rate are listed, if it has fewer."""
     first = actuator.drop_duplicates("specimen_id")
     rate = first["degradation_pct"].to_numpy(np.float64)
     order = np.argsort(rate)
@@ -1300,10 +1299,10 @@ def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
     if (actuator.loc[highest, "ruptured"] > 0.5).any():
         return
     problem = (
-        f"is that of {counts[-1]} of the actuators, no other degradation rate of fewer than "
-        f"{counts[:-1].min()}, and none of them burst; are these survivors only?"
+        f"has only {counts[-1]} of the actuators, every other degradation rate at least "
+        f"{counts[:-1].min()}, and none of them burst; are only survivors listed?"
     )
-    remedy = "give the rows of those that burst too, with ruptured = 1 at the last pressure"
+    remedy = "add the rows of those that burst, with ruptured = 1 at the last pressure"
     place = ("actuator.csv", None, "degradation_pct", float(rate.max()))
     yield Doubt(_fault(*place, problem, remedy), False)
 
@@ -1314,22 +1313,22 @@ def _conditions(actuator: pd.DataFrame) -> Iterator[Doubt]:
     yield from _absolute(actuator)
     humidity = actuator["humidity_pct"].dropna()
     if len(humidity) and 0.0 < humidity.max() <= 1.0:
-        problem = "is the largest humidity of all rows; likely a fraction in place of percent"
+        problem = "is the largest humidity of all rows; likely a fraction instead of percent"
         place = ("actuator.csv", None, "humidity_pct", float(humidity.max()))
-        yield Doubt(_fault(*place, problem, "give percent, 60 and not 0.6"), False)
+        yield Doubt(_fault(*place, problem, "give percent: 60, not 0.6"), False)
 
 
 def _absolute(actuator: pd.DataFrame) -> Iterator[Doubt]:
-    """Doubt pressures that begin at that of the air, where the actuators are still straight."""
+    """Doubt pressures that begin at ambient pressure with straight actuators."""
     curves = _curves(actuator)
     low, high = AIR_PRESSURE
     begun = [c for c in curves if low <= c.pressure[0] <= high and len(c.pressure) > 1]
     straight = [c for c in begun if c.curvature[0] < LARGEST_SHARE_AT_REST * c.curvature[-1]]
     if curves and len(straight) == len(curves):
         problem = "is the smallest pressure, at which the actuators are still straight; likely the "
-        problem += "absolute pressure in place of the gauge pressure"
+        problem += "absolute instead of the gauge pressure"
         place = ("actuator.csv", curves[0].name, "pressure_kPa", float(curves[0].pressure[0]))
-        yield Doubt(_fault(*place, problem, "take off that of the air, about 101 kPa"), False)
+        yield Doubt(_fault(*place, problem, "subtract the ambient pressure, about 101 kPa"), False)
 
 
 def _at_rest(actuator: pd.DataFrame) -> Iterator[Doubt]:
@@ -1339,8 +1338,8 @@ def _at_rest(actuator: pd.DataFrame) -> Iterator[Doubt]:
     at_rest = rows["pressure_kPa"].abs() <= 1e-9
     far = size > np.maximum(LARGEST_AT_REST, LARGEST_SHARE_AT_REST * largest)
     wrong = rows[at_rest & far].drop_duplicates("specimen_id")
-    problem = "is the curvature at zero pressure, which is to be taken off every reading"
-    remedy = "take it off the curvatures of this specimen, so that it reads 0 without pressure"
+    problem = "is the curvature at zero pressure, which must be subtracted from every reading"
+    remedy = "subtract it from the curvatures of this specimen, so that the first is 0"
     faults = [
         _fault("actuator.csv", row["specimen_id"], "curvature_per_m", v, problem, remedy)
         for (_, row), v in zip(wrong.iterrows(), wrong["curvature_per_m"], strict=True)
@@ -1352,7 +1351,7 @@ def _at_rest(actuator: pd.DataFrame) -> Iterator[Doubt]:
 
 
 def names_alike(study: Study) -> Iterator[Doubt]:
-    """Doubt names of specimens that differ by capitals, blanks, hyphens or zeros alone."""
+    """Doubt names of specimens that differ only in capitals, blanks, hyphens or zeros."""
     files = {name: table.file for name, table in TABLES.items()}
     for name in (*TABLES, *study.others):
         table = study.given(name)
@@ -1366,13 +1365,13 @@ def names_alike(study: Study) -> Iterator[Doubt]:
             if len(alike) > 1:
                 others = ", ".join(repr(one) for one in alike[1:])
                 problem = f"is nearly the same name as {others}; they are read as {len(alike)}"
-                remedy = "write the name of a specimen alike on all its rows"
+                remedy = "write a specimen's name identically on all its rows"
                 place = (None, column, alike[0])
                 yield Doubt(Fault(files.get(name, f"{name}.csv"), problem, remedy, *place), False)
 
 
 def _plain_name(name: str) -> str:
-    """Return what is left of a name without capitals, blanks, hyphens and leading zeros.
+    """Return a name without capitals, blanks, hyphens and leading zeros.
 
     Examples
     --------
@@ -1385,7 +1384,7 @@ def _plain_name(name: str) -> str:
     return re.sub(r"(?<![\d.])0+(?=\d)", "", re.sub(r"(?<!\d)-|-(?!\d)", "", folded))
 
 
-# ---- words
+# ---- wording
 
 
 def _fault(

@@ -1,4 +1,4 @@
-"""The columns of ``readings.csv``, whatever a study of one's own forward map calls them."""
+"""Columns of ``readings.csv``, whatever a study with its own forward map calls them."""
 
 import pandera.pandas as pa
 
@@ -15,21 +15,21 @@ _WORDS = (SPECIMEN, HISTORY)
 def readings_table(
     content: bytes, forward: OwnForward
 ) -> tuple[Table, tuple[str, ...], tuple[Fault, ...]]:
-    r"""Return the columns of the readings of a study, and which are inputs.
+    r"""Return the columns of a study's readings, and which of them are inputs.
 
     Parameters
     ----------
     content : bytes
-        The file as it is on the disk.
+        The file as stored.
     forward : OwnForward
-        What the study states.
+        As stated by the study.
 
     Returns
     -------
     table : Table
-        With the columns that are there and are used; others are kept as text.
+        With the columns that exist and are used; others are kept as text.
     inputs : tuple of str
-        Columns that the forward map is given: those that the study names, or all numbers but the
+        Columns given to the forward map: those that the study names, or all numeric ones except the
         reading.
     faults : tuple of Fault
         Columns that are missing.
@@ -41,7 +41,7 @@ def readings_table(
     ('height_m',)
     """
     cells, _ = read_cells(content, FILE)
-    if cells is None:  # what is wrong is told when the cells are read
+    if cells is None:  # the fault is reported when the cells are read
         return Table(NAME, pa.DataFrameSchema(name=FILE)), (), ()
     there = list(cells.texts.columns)
     inputs = _inputs(cells, forward)
@@ -52,8 +52,8 @@ def readings_table(
         for name in missing
     ]  # fmt: skip
     if not inputs:
-        remedy = "add a column with what was set for each reading"
-        faults.append(Fault(FILE, "has no input beside the reading", remedy, cells.header_row))
+        remedy = "add a column with the input set for each reading"
+        faults.append(Fault(FILE, "has no input besides the reading", remedy, cells.header_row))
     numbers = dict.fromkeys((forward.reading, *inputs))
     columns = {name: text() for name in _WORDS if name in there}
     columns |= {name: number() for name in numbers if name in there and name not in _WORDS}
@@ -71,7 +71,7 @@ def _inputs(cells: Cells, forward: OwnForward) -> tuple[str, ...]:
 
 
 def _is_of_numbers(cells: Cells, name: str) -> bool:
-    """Return whether most cells are numbers: one that is none is then a fault, not another kind."""
+    """Return whether most cells are numbers, so that any other cell is a fault."""
     texts = cells.texts[name]
     return 2 * sum(isinstance(read_number(text), float) for text in texts if text) > len(texts)
 

@@ -1,4 +1,4 @@
-"""What a study is to do: the text of study.toml as settings, or every fault in it."""
+"""Read the settings in study.toml, or report every fault in them."""
 
 import re
 import tomllib
@@ -53,7 +53,7 @@ MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
 LengthUnit = Literal["mm", "cm", "m", "in"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
-#: That of a rate anywhere from 0 to 100 %, 100/√12: nothing is known of it.
+#: Standard deviation of a rate uniform from 0 to 100 %, 100/√12: nothing is known of it.
 LARGEST_RATE_SD = 29.0
 MODES: tuple[str, ...] = get_args(Mode)
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
@@ -61,17 +61,17 @@ MATERIAL_LAWS: tuple[MaterialLaw, ...] = get_args(MaterialLaw)
 CALIBRATED_LAWS: tuple[MaterialLaw, ...] = ("yeoh", "neo_hookean")
 """Laws that a model can be calibrated with; the finite element model has Yeoh's constants."""
 VENDOR_SD = 0.2
-"""Standard deviation of a vendor's figure over it, where none is stated."""
+"""Default relative standard deviation of a vendor's figure."""
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
 FEWEST_POINTS, MOST_READ_POINTS = 4, 1000
-"""Of a line that is read: as a cubic spline needs; from 50 on readings change by 2 % at most."""
+"""Points on a line: as a cubic spline needs; from 50 on, readings change by at most 2 %."""
 POINTS_OF: Mapping[Operator, tuple[int, int]] = {
     **dict.fromkeys(get_args(Operator), (FEWEST_POINTS, MOST_READ_POINTS)),
     "kappa": (5, 8),
 }
-"""Least and most points that an operator may be given. Of Kappa they are control points: with four
-what is read depends by 14 % on where they are set, with nine and more the curve follows the waves
-of the floor and differs from line to line."""
+"""Fewest and most points of an operator. For Kappa they are control points: with four, the reading
+depends by 14 % on where they are set; with nine and more, the curve follows the waves of the floor
+and differs from line to line."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
 
 
@@ -88,7 +88,7 @@ class Dimensions:
     chambers : int
         Number of chambers in a row.
     floor, roof, side_wall, end_wall : float
-        Material under, over, beside and at the ends of the chambers [mm].
+        Material below, above, beside and at the ends of the chambers [mm].
     chamber_wall : float
         Wall on each side of a gap [mm]; with ``gap = 0`` the divider is twice this.
     gap : float
@@ -125,12 +125,12 @@ class Dimensions:
 
     @property
     def usual_height(self) -> float:
-        """Height at which the constraint layer lies if none is stated: the bottom [mm]."""
+        """Default height of the constraint layer: the bottom [mm]."""
         return 0.0
 
     @property
     def constraint_room(self) -> tuple[float, float]:
-        """Heights between which a layer runs through material alone: the floor [mm]."""
+        """Heights between which a layer runs through solid material: the floor [mm]."""
         return 0.0, self.floor
 
     @property
@@ -139,8 +139,8 @@ class Dimensions:
 
         .. math:: \theta = \frac{p A z_c}{6 C_1 I} L, \qquad I = \int z^2 dA
 
-        with A and :math:`z_c` area of the chamber and height of its middle over the paper, which
-        does not stretch.
+        with A and :math:`z_c` the chamber's cross-section and the height of its middle above the
+        paper, which does not stretch.
         """
         wide, high = self.width - 2.0 * self.side_wall, self.height - self.floor - self.roof
         top = self.height - self.roof
@@ -149,13 +149,13 @@ class Dimensions:
         return moment / (6.0 * second_moment) * self.length
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can be made of these dimensions.
+        """Say why no actuator can have these dimensions.
 
         Returns
         -------
         tuple of str
-            One sentence a reason; empty if the dimensions are possible. What follows from a
-            dimension that is itself impossible is left out.
+            One sentence per reason; empty if the dimensions are possible. Consequences of a
+            dimension that is itself impossible are omitted.
 
         Examples
         --------
@@ -166,12 +166,12 @@ class Dimensions:
 
     def _wrong_values(self) -> tuple[str, ...]:
         wrong = [
-            f"{entry.name} must be above 0, not {getattr(self, entry.name):g}"
+            f"{entry.name} must be above 0, got {getattr(self, entry.name):g}"
             for entry in fields(self)
             if entry.name not in ("chambers", "gap") and not getattr(self, entry.name) > 0.0
         ]
         wrong += [
-            f"{entry.name} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm, not {value:g}"
+            f"{entry.name} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm, got {value:g}"
             for entry in fields(self)
             if entry.name != "chambers"
             and (value := getattr(self, entry.name)) > 0.0
@@ -179,10 +179,10 @@ class Dimensions:
         ]
         if not isinstance(self.chambers, int) or not 1 <= self.chambers <= MOST_CHAMBERS:
             wrong.append(
-                f"chambers must be a whole number from 1 to {MOST_CHAMBERS}, not {self.chambers}"
+                f"chambers must be a whole number from 1 to {MOST_CHAMBERS}, got {self.chambers}"
             )
         if not self.gap >= 0.0:
-            wrong.append(f"gap must not be below 0, not {self.gap:g}")
+            wrong.append(f"gap must not be negative, got {self.gap:g}")
         return tuple(wrong)
 
     def _wrong_sums(self) -> tuple[str, ...]:
@@ -249,23 +249,23 @@ def relative_size(dimensions: Mould) -> float:
 
 @dataclass(frozen=True)
 class OwnForward:
-    """A study of one's own forward map, as ``study.toml`` states it.
+    """A user's own forward map, as stated in ``study.toml``.
 
     Parameters
     ----------
     function : str
-        File of the study and function in it, ``model.py:predict``.
+        File in the study and function in it, ``model.py:predict``.
     inputs : tuple of str, optional
-        Columns of ``readings.csv`` that the function is given; by default all numbers but the
+        Columns of ``readings.csv`` given to the function; by default all numeric ones except the
         reading itself.
     parameters : tuple of Parameter
         Unknowns of the function, with their priors.
     reading, unit : str
-        Column that was read, and its unit.
+        Column of the reading, and its unit.
     error : float or Law, optional
         Standard deviation of a reading, or its prior.
     scatter : bool or Law
-        Whether specimens differ, or the prior of by how much.
+        Whether specimens differ, or the prior of their scatter.
     """
 
     function: str
@@ -279,7 +279,7 @@ class OwnForward:
 
 @dataclass(frozen=True)
 class VendorFigures:
-    """What the vendor of a material states of it, fresh: the 20 % about it are batch and method.
+    """A vendor's figures of the fresh material; the default 20 % cover batch and method.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ class VendorFigures:
     elongation_at_break : Known, optional
         100 (λ_break − 1) [%].
     source : str
-        Where they stand.
+        Source of the figures.
     """
 
     modulus_100: Known | None = None
@@ -298,24 +298,24 @@ class VendorFigures:
 
 @dataclass(frozen=True)
 class PhotographOptions:
-    """How the photographs of a study are traced, as ``[photographs]`` states it.
+    """How the photographs of a study are traced, from ``[photographs]``.
 
     Parameters
     ----------
     grid : float, optional
         Side of a square of a checkerboard in view [mm].
     ruler : float, optional
-        From tick to tick of a ruler in view [mm].
+        Tick spacing of a ruler in view [mm].
     length : float, optional
-        Of the bottom line [mm]; with another scale it is a check.
+        Length of the bottom line [mm]; a check if there is another scale.
     scale : float, optional
-        Size of a pixel, seen square on [mm].
+        Size of a pixel in a perpendicular view [mm].
     base : {"left", "right", "top", "bottom"}, optional
-        On which side the clamp is.
+        Side of the clamp.
     hint : str, optional
-        File of the study with points near the lines.
+        File in the study with points near the lines.
     line : str, optional
-        File of the study with lines that are taken as they are, where tracing fails.
+        File in the study with lines used unchanged where tracing fails.
     """
 
     grid: float | None = None
@@ -328,13 +328,13 @@ class PhotographOptions:
 
     @property
     def has_scale(self) -> bool:
-        """Whether anything says how large things are."""
+        """Whether a scale is given."""
         return any(one is not None for one in (self.grid, self.ruler, self.length, self.scale))
 
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """How recordings of motion capture are read, as ``[captures]`` states it.
+    """How motion capture recordings are read, from ``[captures]``.
 
     Parameters
     ----------
@@ -342,7 +342,7 @@ class CaptureOptions:
         Names of the markers along the bottom line, from the clamp to the tip; the part before a
         colon may be left out.
     unit : {"mm", "cm", "m", "in"}, optional
-        Of lengths in the recordings, where they do not state it, or state it wrongly.
+        Unit of length, where the recordings lack it or state it wrongly.
     plane : (str, str), optional
         Axes of the laboratory along the clamped end, towards the tip, and away from the paper,
         such as ``["x", "-z"]``; by default the plane in which the markers of a specimen move, with
@@ -350,15 +350,15 @@ class CaptureOptions:
     offset : float
         Distance of markers' centres from the bottom line, on the side of the paper [mm].
     sd : float
-        Standard error of a marker's place that averaging does not lessen: of the system, and of how
-        it was put on [mm].
+        Standard error of a marker's place that averaging does not reduce: of the system, and of
+        its attachment [mm].
     pressure : str, optional
         Analog channel of the pressure, for rows of ``captures.csv`` that state none.
     kpa_per_unit : float, optional
         Pressure per unit of the channel [kPa]; not needed where the channel states a unit of
         pressure.
     zero : float
-        What the channel reads at no pressure, in its unit.
+        Channel reading at zero pressure, in its unit.
     """
 
     markers: tuple[str, ...] = ()
@@ -380,28 +380,28 @@ class Settings:
     title : str
         Heading of the report; empty if not given.
     seed : int
-        Seed from which every random number of the study comes.
+        Seed of all random numbers of the study.
     dimensions : Dimensions, RibbedDimensions, CylindricalDimensions or MeshDimensions
-        The actuator as moulded; a dimension that is a prior has its median here.
+        The actuator as moulded; a dimension given by a prior has its median here.
     uncertain : tuple of UncertainDimension
-        Dimensions that are priors.
+        Dimensions given by priors.
     paper_thickness_mm : float
-        Thickness of the strain-limiting paper, or of another layer in its place [mm].
+        Thickness of the strain-limiting paper, or of the layer that replaces it [mm].
     constraint_kind : {"paper", "film", "elastomer", "none"}
-        The layer that does not stretch: paper and film differ in name alone; an elastomer has a
-        thickness and constants of its own, which must be stated; with none nothing keeps the
-        plane from stretching.
+        The inextensible layer: paper and film differ in name only; an elastomer has its own
+        thickness and constants, which must be stated; with none, nothing limits stretch along
+        the plane.
     constraint_height_mm : float, optional
-        Height of the layer's middle over the bottom [mm]; by default it lies on the bottom, or in
-        the middle of an actuator with two halves.
+        Height of the layer's middle above the bottom [mm]; by default it lies on the bottom, or
+        in the middle of an actuator with two halves.
     constraint_c1, constraint_c2, constraint_c3 : float
         Yeoh constants of a layer of elastomer, in its unit.
     constraint_unit : {"MPa", "kPa"}, optional
-        Unit of these; kPa where none is stated, as before there was a choice.
+        Unit of these; kPa by default, for backward compatibility.
     recipe : MixtureRecipe
-        Parts by mass and densities of what films are poured of.
+        Parts by mass and densities of the film mixture.
     priors : mapping of str to Law
-        Only the priors that the study states; all other parameters keep theirs.
+        Only priors stated by the study; all other parameters keep theirs.
     degradation_sd_pct : float
         Standard error of a degradation rate where none is recorded [%].
     candidates : tuple of str, optional
@@ -411,38 +411,38 @@ class Settings:
     fit_modes : tuple of str
         Modes of loading whose tensile curves are fitted; others are held out and only predicted.
     order : int
-        Order of the polynomials of the degradation rate that Yeoh's constants are, 0 to 3.
+        Polynomial order of Yeoh's constants in the degradation rate, 0 to 3.
     virtual : bool
         Whether the data come from a virtual experiment.
     note : str
         Free text shown in the report.
     forward : OwnForward, optional
-        A forward map of one's own, in the place of actuators and films.
+        A user's own forward map, instead of actuators and films.
     rupture_criterion : str
-        What of a wall's state is held against the films' elongation at break.
+        Measure of a wall's state compared with the films' elongation at break.
     film_volume_mm3 : float
-        Volume of a film that is stretched in a break test, for the weakest link; by default the
-        narrow part of ISO 37 type 1A, 20 mm × 5 mm, of a film of 0.5 mm.
+        Volume of a film stretched in a break test, for the weakest link; by default the narrow
+        part of ISO 37 type 1A, 20 mm × 5 mm, of a film of 0.5 mm.
     set_aside : bool
         Whether to look for specimens and readings that the others contradict, and to calibrate
         and judge without them.
     operator : str, optional
-        How curvature was read; if it is not stated, as bend angle over arc length.
+        How curvature was read; by default as bend angle over arc length.
     reading_points : int
-        How many points along the bottom line another operator was given; for ``kappa`` how many
-        control points the curve had.
+        Number of points along the bottom line given to any other operator; for ``kappa`` the
+        number of control points.
     law : {"yeoh", "neo_hookean"}
-        The material law that a model is calibrated with.
+        Material law of the calibrated model.
     stretch_range : (float, float), optional
-        Stretches that are read of films; readings outside are left out.
+        Stretch range of films; readings outside are left out.
     vendor : VendorFigures
-        What the vendor states of the fresh material.
+        Vendor's figures of the fresh material.
     photographs : PhotographOptions
         How photographs are traced.
     markers : ForeignTable
-        How ``markers.csv`` is written, if another program wrote it.
+        Format of ``markers.csv``, if exported by a different program.
     captures : CaptureOptions
-        How recordings of motion capture are read.
+        How motion capture recordings are read.
 
     Examples
     --------
@@ -490,13 +490,13 @@ class Settings:
 
     @property
     def is_default_mould(self) -> bool:
-        """Whether it is the default actuator with paper or film on its bottom."""
+        """Whether this is the default actuator with paper or film on its bottom."""
         on_bottom = self.constraint_kind in ("paper", "film") and not self.constraint_height_mm
         return self.dimensions == Dimensions() and on_bottom and not self.uncertain
 
     @property
     def constraint(self) -> Constraint:
-        """The layer that does not stretch."""
+        """The inextensible layer."""
         if self.constraint_kind != "elastomer":
             return Constraint(self.constraint_kind, self.constraint_height_mm)
         kpa = 1e3 if self.constraint_unit == "MPa" else 1.0
@@ -516,7 +516,7 @@ KNOWN = {field.name for field in fields(Known)}
 
 @dataclass(frozen=True)
 class _Entry:
-    """One key: where it stands, what is wanted, in words and as a type, and its field."""
+    """One key: its table, accepted values in words and as a type, and its field."""
 
     table: str
     key: str
@@ -526,29 +526,29 @@ class _Entry:
 
     @property
     def field(self) -> str:
-        """The field of `Settings`, or of a part of them, that it fills."""
+        """Name of the field of `Settings`, or of a part of it."""
         return self.renamed or self.key
 
     def read(self, value: object) -> Any:
-        """Return the value of the field; raise ValidationError for one that is not wanted."""
+        """Return the value of the field; raise ValidationError for an invalid one."""
         return TypeAdapter(self.accepted).validate_python(value, strict=True)
 
 
 def _each_once(names: list[str]) -> tuple[str, ...]:
     if len(set(names)) < len(names):
-        raise ValueError("a name is there twice")
+        raise ValueError("duplicate name")
     return tuple(names)
 
 
 def _of_other_names(columns: dict[str, str]) -> dict[str, str]:
     if not columns or len(set(columns.values())) < len(columns) or not all(columns.values()):
-        raise ValueError("names a column twice, or none")
+        raise ValueError("duplicate or empty column name")
     return columns
 
 
 def _two_axes(axes: list[str]) -> tuple[str, ...]:
     if len({axis[-1] for axis in axes}) < len(axes):
-        raise ValueError("is one axis twice")
+        raise ValueError("both axes are the same")
     return tuple(axes)
 
 
@@ -558,16 +558,16 @@ def _known(value: Any) -> Known:
         value if isinstance(value, dict) else {"value": value}, strict=True
     )
     if not (both.keys() <= KNOWN and 0.0 <= both.get("sd", 0.0) < both.get("value", 0.0)):
-        raise ValueError("is not a value with its sd")
+        raise ValueError("is not a value with an sd below it")
     return Known(**both)
 
 
 def _figure(value: Any) -> Known:
-    """Read a vendor's figure: a value above 0, and its sd, 20 % of it if none is given."""
+    """Read a vendor's figure: a value above 0, and its sd, by default 20 % of it."""
     known = _known(value)
     if known.sd == 0.0:
         if isinstance(value, dict) and "sd" in value:
-            raise ValueError("a vendor's figure is not exact")
+            raise ValueError("a vendor's figure needs an sd above 0")
         return Known(known.value, VENDOR_SD * known.value)
     return known
 
@@ -589,9 +589,9 @@ def _dimension(name: str) -> _Entry:
     if name == "passive":
         return _Entry("actuator", name, f"one of {', '.join(PASSIVES)}", Passive)
     if name == "file":
-        return _Entry("actuator", name, "the name of a mesh beside study.toml, in quotes", _Text)
+        return _Entry("actuator", name, "the name of a mesh next to study.toml, in quotes", _Text)
     if name == "mesh_error":
-        return _Entry("actuator", name, "a share between 0 and 1", Number)
+        return _Entry("actuator", name, "a fraction between 0 and 1", Number)
     if name == "section":
         return _Entry("actuator", name, f"one of {', '.join(SECTIONS)}", Section)
     wanted = (
@@ -629,15 +629,15 @@ def _photographs(name: str) -> _Entry:
     return _Entry("photographs", name, wanted, _POSITIVE, f"photographs_{name}")
 
 
-_SEED = f"a whole number not below 0 and up to {LARGEST_SEED}"
-_CAUSES = '"all" or a list of names of causes, each once'
-_MODES = f"a list with at least one of {', '.join(MODES)}, each once"
+_SEED = f"a whole number from 0 to {LARGEST_SEED}"
+_CAUSES = '"all" or a list of distinct cause names'
+_MODES = f"a non-empty list of distinct entries from {', '.join(MODES)}"
 _POSITIVE, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)]
 _KNOWN_RATE = Annotated[Number, Interval(ge=0.0, le=LARGEST_RATE_SD)]
-_RATE_SD = f"a number not below 0 and up to {LARGEST_RATE_SD:g} [%]"
-_FUNCTION = 'a file of the study and a function in it, "model.py:predict"'
-_INPUTS = "a list of columns of readings.csv, each once"
-_READING = "the column of readings.csv that was read, in quotes"
+_RATE_SD = f"a number from 0 to {LARGEST_RATE_SD:g} [%]"
+_FUNCTION = 'a file in the study and a function in it, "model.py:predict"'
+_INPUTS = "a list of distinct columns of readings.csv"
+_READING = "the column of readings.csv with the reading, in quotes"
 _SCALE = 'a law { law = "half_normal", sd = .. }'
 _Law = Annotated[Any, PlainValidator(_law)]
 _Size = Annotated[Any, PlainValidator(_size)]
@@ -653,12 +653,12 @@ MOULDS: Mapping[Kind, type[AnyDimensions]] = {
 
 
 def _keys(mould: type[AnyDimensions]) -> list[str]:
-    """Return the dimensions that a study states: those that are not read from a file."""
+    """Return the dimensions set in study.toml: those not read from a file."""
     return [one.name for one in fields(mould) if not one.metadata]
 
 
 DIMENSIONS = tuple(dict.fromkeys(name for mould in MOULDS.values() for name in _keys(mould)))
-"""Names of dimensions of all families, those that several have once."""
+"""Names of dimensions of all families, without duplicates."""
 
 
 def _captures(name: str, wanted: str, accepted: Any) -> _Entry:
@@ -668,7 +668,7 @@ def _captures(name: str, wanted: str, accepted: Any) -> _Entry:
 _CAPTURES = (
     _captures(
         "markers",
-        f"a list of {FEWEST_POINTS} names of markers or more, each once",
+        f"a list of at least {FEWEST_POINTS} distinct marker names",
         Annotated[_Names[_Text], Len(FEWEST_POINTS)],
     ),
     _captures("unit", f"one of {', '.join(LENGTH_UNITS)}", LengthUnit),
@@ -678,7 +678,7 @@ _CAPTURES = (
         Annotated[list[Axis], Len(2, 2), AfterValidator(_two_axes)],
     ),
     _captures("offset", "a number [mm]", Number),
-    _captures("sd", "a number not below 0 [mm]", Annotated[Number, Ge(0.0)]),
+    _captures("sd", "a number of at least 0 [mm]", Annotated[Number, Ge(0.0)]),
     _captures("pressure", "the name of an analog channel, in quotes", _Text),
     _captures("kPa_per_unit", "a number above 0 [kPa]", _POSITIVE),
     _captures("zero", "a number, in the unit of the channel", Number),
@@ -702,7 +702,7 @@ ENTRIES: tuple[_Entry, ...] = (
     _Entry(
         "constraint",
         "height",
-        "a number from 0 [mm]",
+        "a number of at least 0 [mm]",
         Annotated[Number, Ge(0.0)],
         "constraint_height_mm",
     ),
@@ -715,11 +715,11 @@ ENTRIES: tuple[_Entry, ...] = (
     ),
     _Entry("constraint", "C1", "a number above 0, in its unit", _POSITIVE, "constraint_c1"),
     _Entry("constraint", "C2", "a number, in its unit", Number, "constraint_c2"),
-    _Entry("constraint", "C3", "a number not below 0, in its unit", _DEGRADATION, "constraint_c3"),
+    _Entry("constraint", "C3", "a number from 0, in its unit", _DEGRADATION, "constraint_c3"),
     _Entry(
         "constraint",
         "unit",
-        "MPa or kPa, of C1, C2 and C3; kPa if not stated",
+        "MPa or kPa, for C1, C2 and C3 (default kPa)",
         StressUnit,
         "constraint_unit",
     ),
@@ -766,7 +766,7 @@ ENTRIES: tuple[_Entry, ...] = (
     *(_photographs(name) for name in ("grid", "ruler", "length", "scale")),
     _Entry("photographs", "base", f"one of {', '.join(SIDES)}", Side, "photographs_base"),
     *(
-        _Entry("photographs", name, "a file of the study, in quotes", _Text, f"photographs_{name}")
+        _Entry("photographs", name, "a file in the study, in quotes", _Text, f"photographs_{name}")
         for name in ("hint", "line")
     ),
     _Entry(
@@ -817,7 +817,7 @@ TABLES = (
 )
 
 
-_TOO_DEEP = Fault(FILE, "is nested too deeply", "write tables and lists as the contract shows")
+_TOO_DEEP = Fault(FILE, "is nested too deeply", "write tables and lists as the documentation shows")
 
 
 def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
@@ -826,14 +826,14 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     Parameters
     ----------
     content : bytes
-        The file as it is on the disk.
+        The file as stored.
 
     Returns
     -------
     settings : Settings
         What could be read, with the defaults for the rest.
     faults : tuple of Fault
-        Everything that is wrong, with the line where it stands; empty for a good file.
+        All faults with their lines; empty for a valid file.
 
     Examples
     --------
@@ -862,7 +862,7 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
 
 
 def _has_long_key(text: str) -> bool:
-    """Return whether a key has very many parts; `tomllib` takes minutes for thousands of them."""
+    """Return whether a key has very many parts; `tomllib` takes minutes for thousands."""
     keys = (line.partition("=")[0] for line in text.splitlines() if "=" in line or line[:1] == "[")
     return any(key.count(".") > DEEPEST for key in keys)
 
@@ -907,7 +907,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
     accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
     faults += _not_calibrated(accepted, text)
     accepted |= {name: make(**_prefixed(name, accepted)) for name, make in _OF_FILES.items()}
-    # the defaults that stand in for refused keys must not be blamed
+    # do not blame the defaults that replace refused keys
     if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
         of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
         layer = Settings(**of_layer).constraint
@@ -929,13 +929,13 @@ _OF_FILES: Mapping[str, Callable[..., object]] = {
     "markers": ForeignTable,
     "captures": CaptureOptions,
 }
-"""Tables of ``study.toml`` that say how a file is read."""
+"""Tables of ``study.toml`` that define how a file is read."""
 _OF_OPERATOR = {"operator", "points"}
 _OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
 
 
 def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
-    """Refuse an operator of which it is not known what it reads of this actuator."""
+    """Refuse an operator whose reading of this actuator is unknown."""
     if settings.operator in (None, "angle_over_arc"):
         return ()
     if settings.forward is None and settings.is_default_mould:
@@ -943,8 +943,8 @@ def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
     return (
         Fault(
             FILE,
-            "is known of the default actuator alone",
-            "read the rotation of the end faces over the arc length and write angle_over_arc",
+            "is available for the default actuator only",
+            "read the end face's rotation over the arc length and write angle_over_arc",
             _row_of(text, "reading", "operator"),
             "reading.operator",
             _as_written(settings.operator),
@@ -953,23 +953,23 @@ def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
 
 
 def _unknown_controls(settings: Settings, stated: bool, text: str) -> tuple[Fault, ...]:
-    """Refuse curves of Kappa of which it is not known how many control points they had."""
+    """Refuse Kappa curves with an unknown number of control points."""
     least, most = POINTS_OF["kappa"]
     points = settings.reading_points
     if settings.operator != "kappa" or (stated and least <= points <= most):
         return ()
     problem = f"must be {least} to {most} with kappa, whose reading depends on it"
-    remedy = "state how many control points the curves had, or export their points as markers.csv"
+    remedy = "give the curves' number of control points, or export their points as markers.csv"
     row = _row_of(text, "reading", "points" if stated else "operator")
     value = str(points) if stated else "not stated"
     return (Fault(FILE, problem, remedy, row, "reading.points", value),)
 
 
 def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse what only a forward map of one's own can use."""
-    remedy = '[forward] function = "model.py:predict" names the function that they are of'
+    """Refuse keys that only a user's own forward map can use."""
+    remedy = '[forward] function = "model.py:predict" must name the function that uses them'
     return tuple(
-        Fault(FILE, "is of no use without [forward]", remedy, _row_of(text, name, None), name)
+        Fault(FILE, "has no effect without [forward]", remedy, _row_of(text, name, None), name)
         for name in ("forward", "parameters", "reading")
         if name in document and not (name == "reading" and document[name].keys() <= _OF_OPERATOR)
     )
@@ -988,9 +988,7 @@ def _read_parameters(
             continue
         words = {key: value[key] for key in ("unit", "meaning") if key in value}
         if not all(isinstance(word, str) for word in words.values()):
-            faults.append(
-                Fault(FILE, "has a unit or a meaning that is no text", "quote it", *place)
-            )
+            faults.append(Fault(FILE, "has a unit or meaning that is not text", "quote it", *place))
             continue
         if not name.strip():
             faults.append(Fault(FILE, "has no name", "write for example [parameters.g]", *place))
@@ -1005,7 +1003,7 @@ def _read_parameters(
 
 
 def _mould(accepted: dict[str, Any]) -> AnyDimensions:
-    """Take the dimensions of the actuator out of what was accepted, whatever its family."""
+    """Pop the actuator's dimensions of any family from the accepted values."""
     mould = MOULDS[accepted.pop("kind", "pneunet")]
     sizes = {name: accepted.pop(name) for name in DIMENSIONS if name in accepted}
     own = set(_keys(mould))
@@ -1013,7 +1011,7 @@ def _mould(accepted: dict[str, Any]) -> AnyDimensions:
 
 
 def _taken_laws(accepted: dict[str, Any]) -> dict[str, Law]:
-    """Take the laws of dimensions out of what was accepted, and put their medians there."""
+    """Replace laws of dimensions in the accepted values by their medians; return the laws."""
     laws = {n: accepted[n] for n in DIMENSIONS if isinstance(accepted.get(n), Law)}
     accepted |= {name: float(law.quantile(0.5)) for name, law in laws.items()}
     return laws
@@ -1022,7 +1020,7 @@ def _taken_laws(accepted: dict[str, Any]) -> dict[str, Law]:
 def _uncertain(
     laws: Mapping[str, Law], dimensions: AnyDimensions, constraint: Constraint, text: str
 ) -> tuple[tuple[UncertainDimension, ...], tuple[Fault, ...]]:
-    """Return where uncertain dimensions may lie; refuse what no actuator can be made of."""
+    """Return the ranges of uncertain dimensions; refuse impossible ones."""
     impossible = _impossible(dimensions, constraint, text)
     if impossible:
         return (), impossible
@@ -1042,12 +1040,12 @@ def _uncertain(
             faults.append(fault(name, str(error), "give a narrower law, or bounds"))
     if len(laws) > MOST:
         name = list(laws)[MOST]
-        remedy = "give numbers for the dimensions that matter least"
+        remedy = "give numbers for the least important dimensions"
         faults.append(fault(name, f"is one of more than {MOST} uncertain dimensions", remedy))
     if not faults:
         wrong = next(filter(None, map(problems, corners(tuple(found)))), ())
         faults += [
-            fault(found[-1].name, f"goes not together with the others: {one}", "give narrower laws")
+            fault(found[-1].name, f"conflicts with other dimensions: {one}", "give narrower laws")
             for one in wrong[:1]
         ]
     return tuple(found) if not faults else (), tuple(faults)
@@ -1059,7 +1057,7 @@ def _of_other_kinds(kind: Kind, table: Mapping[str, Any], text: str) -> tuple[Fa
     return tuple(
         Fault(
             FILE,
-            f"is no dimension of a {kind} actuator",
+            f"is not a dimension of a {kind} actuator",
             "remove it, or write kind = "
             + " or ".join(_as_written(name) for name, known in names.items() if key in known),
             _row_of(text, "actuator", key),
@@ -1072,13 +1070,13 @@ def _of_other_kinds(kind: Kind, table: Mapping[str, Any], text: str) -> tuple[Fa
 
 
 def _two_thicknesses(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse the thickness of one layer stated twice."""
+    """Refuse two thicknesses for one layer."""
     if not all("thickness" in tables.get(name, {}) for name in ("paper", "constraint")):
         return ()
     return (
         Fault(
             FILE,
-            "is there beside paper.thickness, and both are of the same layer",
+            "repeats paper.thickness, which is of the same layer",
             "remove one of them",
             _row_of(text, "constraint", "thickness"),
             "constraint.thickness",
@@ -1088,13 +1086,13 @@ def _two_thicknesses(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
 
 
 def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse an elastomer without what it needs, and its constants for another layer."""
+    """Refuse an elastomer without what it needs, and elastomer constants for any other layer."""
     table = tables.get("constraint", {})
     if table.get("kind") != "elastomer":
         return tuple(
             Fault(
                 FILE,
-                "is of a layer of elastomer, and the layer is none",
+                "is for an elastomer layer, but kind is not elastomer",
                 'remove it, or write kind = "elastomer"',
                 _row_of(text, "constraint", key),
                 _dotted("constraint", key),
@@ -1108,7 +1106,7 @@ def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
     return tuple(
         Fault(
             FILE,
-            f"is of an elastomer without {name}",
+            f"is an elastomer without {name}",
             f"give [constraint] {name} in {unit}",
             _row_of(text, "constraint", "kind"),
             "constraint.kind",
@@ -1120,7 +1118,7 @@ def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
 
 
 def _not_calibrated(accepted: dict[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse a law that films are compared by and that no model has."""
+    """Refuse a law that is only compared with films, not calibrated."""
     law = accepted.get("law", "yeoh")
     if law in CALIBRATED_LAWS:
         return ()
@@ -1128,10 +1126,10 @@ def _not_calibrated(accepted: dict[str, Any], text: str) -> tuple[Fault, ...]:
     return (
         Fault(
             FILE,
-            "is compared with the films, but no model is calibrated with it: the finite element "
-            "model has Yeoh's constants",
+            "is compared with the films, but cannot be calibrated: the finite element model uses "
+            "Yeoh's constants",
             f"write {' or '.join(_as_written(name) for name in CALIBRATED_LAWS)}, or remove the "
-            f"key; material_laws.csv of the run says how well {law} predicts the films",
+            f"key; material_laws.csv of a run shows how well {law} predicts the films",
             _row_of(text, "material", "law"),
             "material.law",
             _as_written(law),
@@ -1140,13 +1138,13 @@ def _not_calibrated(accepted: dict[str, Any], text: str) -> tuple[Fault, ...]:
 
 
 def _of(part: type[MixtureRecipe | VendorFigures], accepted: dict[str, Any]) -> dict[str, Any]:
-    """Take the fields of a part out of what was accepted."""
+    """Pop the fields of a part from the accepted values."""
     names = {entry.name for entry in fields(part)}
     return {name: accepted.pop(name) for name in names & accepted.keys()}
 
 
 def _prefixed(table: str, accepted: dict[str, Any]) -> dict[str, Any]:
-    """Take the keys of a table out of what was accepted, where its name stands before them."""
+    """Pop the keys prefixed with a table's name from the accepted values."""
     names = [name for name in accepted if name.startswith(f"{table}_")]
     return {name.removeprefix(f"{table}_"): accepted.pop(name) for name in names}
 
@@ -1206,7 +1204,7 @@ def _suggest(table: str, key: str) -> str:
 
 
 _NEAREST: Mapping[str, tuple[str, ...]] = {"effort": EFFORTS, "law": MATERIAL_LAWS}
-"""Keys of which a misspelt value gets the nearest one suggested."""
+"""Keys for which a misspelt value gets a suggestion."""
 
 
 def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
@@ -1221,11 +1219,11 @@ def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
         best = nearest(unknown[0], KNOWN, cutoff=0.5) if unknown else None
         remedy += f"; did you mean {best!r}?" if best else ""
     row, column = _row_of(text, entry.table, entry.key), _dotted(entry.table, entry.key)
-    return Fault(FILE, "cannot stand here", remedy, row, column, _as_written(value))
+    return Fault(FILE, "is not a valid value", remedy, row, column, _as_written(value))
 
 
 def _wrong_law(value: Mapping[str, object]) -> str:
-    """Say what is wrong with a law; empty if nothing is."""
+    """Say what is wrong with a law; empty if valid."""
     try:
         law_from_mapping(value)
     except ValueError as error:
@@ -1277,7 +1275,7 @@ def _as_written(value: object) -> str:
 
 
 def _row_of(text: str, table: str, key: str | None) -> int | None:
-    """Find the line of a key, or of a table's header; `tomllib` does not tell."""
+    """Find the line of a key or table header, which `tomllib` does not report."""
     here = ""
     for row, line in enumerate(text.splitlines(), start=1):
         header = re.match(r"\s*\[\s*([\w.\-\"']+)\s*\]", line)

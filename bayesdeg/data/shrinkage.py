@@ -1,10 +1,8 @@
-"""Masses of films: what a film is made of, volume ratio α and linear scale.
+"""Masses of films: composition, volume ratio α and linear scale.
 
-Source: doi:10.3389/frobt.2021.760485. Only water is lost; gelatin and glycerol stay.
-
-Source: doi:10.3389/frobt.2021.760485. Eqs 10–11 define α as conditioned over cured volume
-(V_2/V_1), the text speaks of "before and after curing" and Eq. 17 of V/V_0, so conditioned over
-poured volume is offered too.
+Source: doi:10.3389/frobt.2021.760485. Only water is lost; gelatin and glycerol stay. Eqs 10–11
+define α as conditioned over cured volume (V_2/V_1), the text says "before and after curing" and
+Eq. 17 uses V/V_0, so conditioned over poured volume is offered too.
 """
 
 import math
@@ -18,15 +16,15 @@ Floats = npt.NDArray[np.float64]
 Masses = tuple[Floats, Floats, Floats]
 
 SMALL = 1e-4
-"""Step of derivatives, as a share of the value: its error is a part in 1e8."""
+"""Relative step of derivatives; their error is one part in 1e8."""
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """What is poured: parts by mass and densities [g/cm³].
+    """The poured mixture: parts by mass and densities [g/cm³].
 
-    The densities are assumed, since the source states none: gelatin is found between 1.27 and
-    1.44, glycerol at 1.26, water at 1.00.
+    The densities are assumed, since the source states none: published values are 1.27 to 1.44 for
+    gelatin, 1.26 for glycerol and 1.00 for water.
 
     Parameters
     ----------
@@ -50,7 +48,7 @@ class Mixture:
 
     @property
     def solids(self) -> float:
-        """Share of what stays when all water is lost, gelatin and glycerol, by mass."""
+        """Mass share of gelatin and glycerol, which stay when all water is lost."""
         return (self.gelatin + self.glycerol) / self.total
 
 
@@ -72,7 +70,7 @@ class Known:
 
 @dataclass(frozen=True)
 class MixtureRecipe:
-    """What a `Mixture` is made of and how well that is known; the defaults are taken as exact.
+    """Composition of a `Mixture` with uncertainties; the defaults are taken as exact.
 
     All films of a study share it, so its errors are common to them and no average removes them.
 
@@ -98,7 +96,7 @@ class MixtureRecipe:
 
     @property
     def mixture(self) -> Mixture:
-        """The mixture at the values given."""
+        """The mixture at the given values."""
         return Mixture(**{entry.name: getattr(self, entry.name).value for entry in fields(self)})
 
 
@@ -124,11 +122,11 @@ def component_masses(
     Raises
     ------
     ValueError
-        If a film weighs less than the gelatin and glycerol poured, or more than was poured.
+        If a film weighs less than the gelatin and glycerol poured, or more than the poured mass.
 
     Examples
     --------
-    30 g hold 30 × 2/11 g of gelatin and 30 × 1/11 g of glycerol; at 15 g the rest is water.
+    30 g contain 30 × 2/11 g of gelatin and 30 × 1/11 g of glycerol; at 15 g the rest is water.
 
     >>> [round(float(mass), 4) for mass in component_masses(30.0, 15.0)]
     [5.4545, 2.7273, 6.8182]
@@ -139,11 +137,11 @@ def component_masses(
     if np.any(water < 0.0):
         lightest = float(np.min(now / poured))
         raise ValueError(
-            f"a film has {lightest:.3g} of the mass poured, but gelatin and glycerol alone are "
+            f"a film has {lightest:.3g} of its poured mass, but gelatin and glycerol alone are "
             f"{mixture.solids:.3g}; check the masses or the mixture"
         )
     if np.any(now > poured):
-        raise ValueError("a film weighs more than was poured; check the masses")
+        raise ValueError("a film weighs more than its poured mass; check the masses")
     return gelatin, glycerol, water
 
 
@@ -157,7 +155,7 @@ def film_volume(
     Parameters
     ----------
     mass_poured, mass : array_like, broadcastable
-        m_0 and the mass in the state asked for [g].
+        m_0 and the mass in the requested state [g].
     mixture : Mixture, optional
         Default 2 : 1 : 8.
 
@@ -180,9 +178,9 @@ def film_volume(
 
 
 def volume_of_parts(poured: Floats, mass: Floats, mixture: Mixture) -> Floats:
-    """Return what `film_volume` does [cm³], also of films lighter than their gelatin and glycerol.
+    """Return `film_volume` [cm³] without its checks of the masses.
 
-    A film that is dry is so for a slightly changed mixture, by which errors are carried over.
+    A fully dry film would fail them for a slightly changed mixture, as error propagation needs.
     """
     gelatin, glycerol, water = _parts(poured, mass, mixture)
     volume: Floats = (
@@ -202,12 +200,12 @@ def _parts(poured: Floats, mass: Floats, mixture: Mixture) -> tuple[Floats, Floa
 def density_by_mass_average(
     mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture | None = None
 ) -> Floats:
-    r"""Compute the density of a film as Eq. 15 has it: the average of densities by mass.
+    r"""Compute the density of a film by Eq. 15, the mass-weighted mean of densities.
 
     .. math:: \rho = (m_{Gel}\rho_{Gel} + m_{Gly}\rho_{Gly} + m_w\rho_w) / m
 
-    Densities average harmonically by mass, so this is about 2 % too high; it is here to repeat
-    the source.
+    The correct mass-weighted mean is harmonic, so this is about 2 % too high; it reproduces the
+    source.
 
     Parameters
     ----------
@@ -314,7 +312,7 @@ def volume_ratio_by_mass_average(
 def volume_ratio_to_mould(
     mass_poured: npt.ArrayLike, mass_conditioned: npt.ArrayLike, mixture: Mixture | None = None
 ) -> Floats:
-    r"""Compute the volume ratio of conditioned film to what was poured, V_2/V_0.
+    r"""Compute the volume ratio of the conditioned film to the poured mixture, V_2/V_0.
 
     Parameters
     ----------
@@ -392,11 +390,11 @@ def mean_of_replicates(values: npt.ArrayLike) -> Mean:
 
 
 def recipe_error(masses: Masses, recipe: MixtureRecipe) -> float:
-    r"""Compute the standard error of the films' mean α that comes from their recipe.
+    r"""Compute the standard error of the films' mean α due to their recipe.
 
     .. math:: \sigma^2 = \sum_k \left(\frac{\partial \bar\alpha}{\partial x_k} \sigma_k\right)^2
 
-    over its parts and densities x. All films share the recipe, so this error does not fall with
+    over its parts and densities x. All films share the recipe, so this error does not decrease with
     their number; it adds in squares to the standard error of the mean.
 
     Parameters
@@ -449,22 +447,22 @@ def film_masses(table: pd.DataFrame) -> Masses:
 
 
 def mean_over_films(masses: Masses, recipe: MixtureRecipe) -> tuple[Mean, float]:
-    """Average α over films, with the errors that they do not share and that of their recipe.
+    """Average α over films, with their independent errors and that of the recipe.
 
     Parameters
     ----------
     masses : tuple of numpy.ndarray
         m_0, m_1, m_2 of each film [g].
     recipe : MixtureRecipe
-        Of all of them.
+        Recipe of all films.
 
     Returns
     -------
     mean : Mean
-        Its standard error has both.
+        Its standard error includes both.
     dof : float
-        Degrees of freedom of that standard error: n − 1 of the scatter, which is estimated, and
-        more the larger the share of the recipe's error, which is stated (Welch and Satterthwaite).
+        Degrees of freedom of that standard error (Welch and Satterthwaite): n − 1 for the
+        estimated scatter alone, more the larger the share of the recipe's stated error.
 
     Examples
     --------
@@ -485,8 +483,8 @@ def mean_over_films(masses: Masses, recipe: MixtureRecipe) -> tuple[Mean, float]
 def mean_as_printed(masses: Masses, recipe: MixtureRecipe) -> Mean:
     """Average α over films by Eqs 15–17 as printed, with densities averaged by mass.
 
-    To be shown beside `mean_over_films`, which is used. Its standard error is that of the films
-    alone, without that of their recipe.
+    To be shown next to `mean_over_films`, which is used. Its standard error is that of the films
+    only, without that of the recipe.
 
     Examples
     --------

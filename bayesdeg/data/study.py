@@ -1,4 +1,4 @@
-"""A study folder becomes a study: settings and checked tables, or all faults at once."""
+"""Read a study folder: settings and checked tables, or all faults at once."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -27,29 +27,29 @@ from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, UNLOADING
 
 MARKERS_FILE = "markers.csv"
-#: Tables of what lines of points are read of, and their files.
+#: Tables that give lines of points, and their files.
 OF_LINES = {"photos": PHOTOS_FILE, "captures": CAPTURES_FILE}
-#: The folder of a study's own causes.
+#: Folder of a study's own causes.
 CAUSES = "causes"
-#: So many faults of one kind in one column are told one by one.
+#: Number of equal faults in a column that are listed one by one.
 TOLD_ONE_BY_ONE = 5
-#: Of the range of a film's stretches: by so much a reading may fall back while it is loaded.
+#: Share of a film's stretch range by which stretch may fall back during loading.
 LARGEST_SLIP = 0.03
-#: Statistics that speak of degradation or shrinkage, at whatever rate they hold.
+#: Statistics that concern degradation or shrinkage at any rate.
 OF_DEGRADATION = ("volume_ratio", "mass_loss_slope")
 
 
 @dataclass(frozen=True)
 class CheckedTable:
-    """What became of a file.
+    """A file after reading and checks.
 
     Parameters
     ----------
     frame : pandas.DataFrame
-        Columns of the contract in its order, then the extra ones as text. Absent or empty cells
-        hold their default, or nan for "not recorded". Only to be used if there is no fault.
+        Columns of the contract in its order, then extra ones as text. Absent or empty cells
+        hold their default, or nan for "not recorded". Only use it if there is no fault.
     faults : tuple of Fault
-        Everything that is wrong with the file.
+        All faults of the file.
     recorded : frozenset of str
         Columns in which the file itself gives at least one cell.
     passed_over : int
@@ -57,7 +57,7 @@ class CheckedTable:
     unread : tuple of Unused
         Rows after a burst.
     digits : mapping of str to float
-        The least digit of each column of numbers, in its unit.
+        Resolution of each numeric column, in its unit.
     """
 
     frame: pd.DataFrame
@@ -71,12 +71,12 @@ class CheckedTable:
 def check_table(
     content: bytes, table: pa.DataFrameSchema, *, degradation_sd_pct: float
 ) -> CheckedTable:
-    r"""Read one file of a study against its table.
+    r"""Read one file of a study and check it against its table.
 
     Parameters
     ----------
     content : bytes
-        The file as it is on the disk.
+        The file as stored.
     table : pandera.DataFrameSchema
         One of `bayesdeg.data.tables.TABLES`.
     degradation_sd_pct : float
@@ -88,15 +88,15 @@ def check_table(
 
     Notes
     -----
-    A cell that cannot be read is one fault and takes no part in further checks, so that a single
-    slip is told once.
+    A cell that cannot be read is one fault and takes no part in further checks, so that one slip is
+    reported once.
 
     Examples
     --------
     >>> from bayesdeg.data.tables import BREAKS
     >>> content = b"specimen_id,degradation_pct,elongation_pct\na,0,210\nb,5,2oo\n"
     >>> print(check_table(content, BREAKS, degradation_sd_pct=1.0).faults[0])
-    break.csv, row 3, column elongation_pct, value '2oo': is not a number; give the number alone; the unit stands in the header
+    break.csv, row 3, column elongation_pct, value '2oo': is not a number; give the number alone; the unit belongs in the header
     """  # noqa: E501
     columns = table.columns
     required = [name for name, column in columns.items() if column.required]
@@ -109,7 +109,7 @@ def check_table(
     blamed = check_header(names, place, required=required, optional=optional)
     whole, cells = cells.texts, replace(cells, texts=_until_rupture(cells.texts))
     frame, wrong_cells = _read_columns(cells, table)
-    # what a misspelt column holds is unknown, so its default must not stand in for it
+    # the values of a misspelt column are unknown, so do not use its default
     fillable = {name: column for name, column in columns.items() if name not in blamed}
     frame = _fill(frame, fillable, degradation_sd_pct)
     wrong_rows = tuple(_broken_rules(frame, cells, table, wrong_cells))
@@ -168,7 +168,7 @@ def _read_column(cells: Cells, column: pa.Column, faults: list[Fault]) -> pd.Ser
 
 
 def _meant(column: str) -> str:
-    """Return what belongs in a column, with its unit."""
+    """Return the meaning of a column with its unit."""
     if column not in QUANTITIES:
         return "a value"
     meaning, unit = QUANTITIES[column].meaning, QUANTITIES[column].unit
@@ -176,12 +176,12 @@ def _meant(column: str) -> str:
 
 
 def _while_checked(column: pa.Column) -> type:
-    """Return the type in which cells can be missing."""
+    """Return a type that allows missing cells."""
     return object if column.dtype.type == "str" else float
 
 
 def _refused(cells: Cells, column: pa.Column, values: pd.Series, faults: list[Fault]) -> pd.Series:
-    """Return which cells break a check of their column; the first that they break is told."""
+    """Return cells that break a check of their column, and report the first broken check."""
     refused = pd.Series(False, index=values.index)
     for check in column.checks:
         for row in broken(check, values[~refused]):
@@ -212,7 +212,7 @@ def _broken_rules(
     wrong_cells: tuple[Fault, ...],
 ) -> Iterator[Fault]:
     spoilt = {(fault.row, fault.column) for fault in wrong_cells}
-    words = ("repeats an earlier row", "remove one of the two")
+    words = ("repeats an earlier row", "remove one of them")
     repeated = row_check(None, *words, tuple(frame.columns), lambda rows: ~rows.duplicated())
     for check in (repeated, *table.checks):
         column, needs = check.statistics["column"], check.statistics["needs"]
@@ -258,14 +258,14 @@ def _finish(frame: pd.DataFrame, table: pa.DataFrameSchema) -> pd.DataFrame:
     for name in extra:
         read[name] = read[name].where(read[name] != "")
     for name in [*extra, *(name for name, kind in listed.items() if kind == "str")]:
-        # before pandas 3 what is missing becomes a text
+        # before pandas 3, missing values become text
         finished[name] = read[name].astype("str").where(read[name].notna())
     return finished
 
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """A study as it was read; a table is ``None`` if its file is not there.
+    """A study as read; a table is ``None`` if its file is missing.
 
     Parameters
     ----------
@@ -276,9 +276,9 @@ class Study:
     settings : Settings
         The contents of ``study.toml``.
     moisture, mass_loss, shrinkage, tensile, breaks, actuator, summary : DataFrame or None
-        The checked tables: the columns of the contract, always all of them, then extra ones as
-        text. Cells not recorded hold their default, or nan. Rows of an actuator after its
-        rupture are left out.
+        The checked tables: all columns of the contract, then extra ones as text. Cells not
+        recorded hold their default, or nan. Rows of an actuator after its rupture are left
+        out.
     hashes : mapping of str to str
         SHA-256 of each input file.
     recorded : mapping of str to frozenset of str
@@ -288,15 +288,15 @@ class Study:
     others : mapping of str to DataFrame
         Checked tables of further kinds of data by their names.
     line_points : int, optional
-        By how many even points each line of ``markers.csv`` was read for the actuators' table.
+        Number of evenly spaced points by which lines of ``markers.csv`` were read.
     unread : tuple of Unused
-        Rows that were left out when the files were read: after a burst, outside ``stretch_range``.
+        Rows left out on reading: after a burst, outside ``stretch_range``.
     digits : mapping of str to float
-        The least digit of each column of numbers, in its unit.
+        Resolution of each numeric column, in its unit.
     photographs : tuple of TracedPhotograph
-        What was traced in each of ``photos.csv``, also those that were refused.
+        What was traced in each photograph of ``photos.csv``, including refused ones.
     captured : tuple of CapturedLine
-        What was read of each hold of ``captures.csv``.
+        What was read at each hold of ``captures.csv``.
     """
 
     name: str
@@ -320,7 +320,7 @@ class Study:
     captured: tuple[CapturedLine, ...] = ()
 
     def __repr__(self) -> str:
-        """Return its name, and how much of which data it has."""
+        """Return its name and numbers of rows."""
         files = {name: table.file for name, table in TABLES.items()}
         tables = {name: self.given(name) for name in (*TABLES, *self.others)}
         rows = [
@@ -331,12 +331,12 @@ class Study:
         return f"Study {self.name}: {', '.join(rows)}"
 
     def table(self, name: str) -> pd.DataFrame | None:
-        """Return a table by its name, whichever kind of data it is of; None if it is not there."""
+        """Return a table of any kind by name; None if it is missing."""
         found: pd.DataFrame | None = self.others.get(name, getattr(self, name, None))
         return found
 
     def given(self, name: str) -> pd.DataFrame | None:
-        """Return a table that there is a file of; None for what was read of lines of points."""
+        """Return a table read from its own file; None if it was derived from lines of points."""
         of_lines = name == "actuator" and self.line_points
         of_others = name == "markers" and self.lines_file != MARKERS_FILE
         return None if of_lines or of_others else self.table(name)
@@ -344,7 +344,7 @@ class Study:
     @property
     def unused(self) -> tuple[Unused, ...]:
         """Rows of its files that no likelihood uses."""
-        # a row of markers.csv is a point; of a photograph or a recording it is a whole line
+        # a row of markers.csv is a point; a row of a photograph or recording is a whole line
         bent = "actuator.csv" if self.line_points is None else self.lines_file
         actuator = "markers" if bent == MARKERS_FILE else "actuator"
         tables = {"tensile.csv": "tensile", bent: actuator, "force.csv": "force"}
@@ -352,16 +352,16 @@ class Study:
 
     @property
     def lines_file(self) -> str:
-        """The file that lines of points come from."""
+        """The file with lines of points."""
         there = (file for name, file in OF_LINES.items() if name in self.others)
         return next(there, MARKERS_FILE)
 
     @property
     def degrades(self) -> bool:
-        """Whether anything does: a specimen or a mean is degraded, or moisture or α is recorded.
+        """Whether anything degrades: a specimen, a mean, or a recorded moisture or α.
 
-        Where nothing does, the model has no parameter of degradation or shrinkage, and no report
-        speaks of them.
+        Otherwise the model has no parameter of degradation or shrinkage, and reports do not
+        mention them.
 
         Examples
         --------
@@ -391,9 +391,9 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     Parameters
     ----------
     folder : Path or str
-        Holds ``study.toml`` and at least one of the data files.
+        Contains ``study.toml`` and at least one data file.
     tables : mapping of str to Table
-        Kinds of data that are read; `bayesdeg.observations.catalogue.read_study` reads all.
+        Kinds of data to read; `bayesdeg.observations.catalogue.read_study` reads all.
 
     Returns
     -------
@@ -402,7 +402,7 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     Raises
     ------
     StudyError
-        With every fault of every file.
+        Lists every fault of every file.
 
     Examples
     --------
@@ -427,8 +427,8 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     if settings.forward is not None:
         return _own_study(folder, settings, contents, [*unreadable, *wrong_settings])
     if contents.pop(readings.FILE, None) is not None:
-        remedy = '[forward] function = "model.py:predict" in study.toml names what predicts them'
-        wrong_settings += (Fault(readings.FILE, "is of no use without [forward]", remedy),)
+        remedy = '[forward] function = "model.py:predict" in study.toml must name their model'
+        wrong_settings += (Fault(readings.FILE, "has no effect without [forward]", remedy),)
     read = dict(contents)
     if MARKERS_FILE in read:
         form = settings.markers
@@ -463,17 +463,17 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
 def with_part(
     folder: Path, settings: Settings, stated: MeshDimensions
 ) -> tuple[Settings, tuple[Fault, ...]]:
-    """Return settings with what the mesh of a part says, and what is wrong with it.
+    """Return settings completed from the mesh of a part, and its faults.
 
     Without a boundary named constraint there is no layer.
     """
     place = (None, "actuator.file", stated.file)
     if Path(stated.file).name != stated.file:
-        problem = "is not the name of a file beside study.toml"
+        problem = "is not a file next to study.toml"
         return settings, (Fault(SETTINGS_FILE, problem, "put the mesh there", *place),)
     if settings.constraint.is_slab or settings.constraint_height_mm is not None:
-        problem = "says where a layer lies or what it is made of, which the mesh does"
-        remedy = "name a flat boundary constraint in the mesh, for paper or a film"
+        problem = "sets the place or material of a layer, which the mesh defines"
+        remedy = "for paper or film, name a flat boundary of the mesh constraint"
         return settings, (Fault(SETTINGS_FILE, problem, remedy, None, "constraint"),)
     try:
         part = read_part(folder / stated.file)
@@ -499,20 +499,20 @@ def with_part(
 def _own_study(
     folder: Path, settings: Settings, contents: dict[str, bytes], faults: list[Fault]
 ) -> Study:
-    """Read a study of one's own forward map: its readings, and the code that predicts them.
+    """Read a study with its own forward map: readings, and the code that predicts them.
 
     Raises
     ------
     StudyError
-        With every fault.
+        Lists every fault.
     """
     forward = settings.forward
     assert forward is not None
     for name in sorted(set(contents) - {SETTINGS_FILE, readings.FILE}):
-        problem = "is not read by a study with a forward map of its own"
-        faults.append(Fault(name, problem, "remove it, or [forward] in study.toml"))
+        problem = "is not used by a study with its own forward map"
+        faults.append(Fault(name, problem, "remove it, or remove [forward] from study.toml"))
     if readings.FILE not in contents:
-        remedy = f"add it: a row a reading, with a column {forward.reading} and one for each input"
+        remedy = f"add it: a row per reading, with columns {forward.reading} and one for each input"
         raise StudyError([*faults, Fault(readings.FILE, "is missing", remedy)])
     content = contents[readings.FILE]
     table, inputs, missing = readings.readings_table(content, forward)
@@ -534,29 +534,29 @@ def _read_code(folder: Path, model: str) -> tuple[dict[str, bytes], list[Fault]]
         try:
             contents[name] = read_bytes(path, most_mb=STUDY_MB)
         except FileNotFoundError:
-            remedy = f"add {name}, or name another file"
+            remedy = f"add {name}, or name a different file"
             place = (None, "forward.function", model)
-            faults.append(Fault(SETTINGS_FILE, "names a file that is not there", remedy, *place))
+            faults.append(Fault(SETTINGS_FILE, "names a file that does not exist", remedy, *place))
         except OSError as error:
-            faults.append(Fault(name, f"cannot be read ({reason(error)})", "give another file"))
+            faults.append(Fault(name, f"cannot be read ({reason(error)})", "give a different file"))
     return contents, faults
 
 
 def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
-    """Refuse to fit modes of which there are no curves: nothing would be fitted."""
+    """Refuse modes without curves, as nothing would be fitted."""
     there = sorted(set(tensile["mode"]))
     if set(settings.fit_modes) & set(there):
         return
     asked = ", ".join(settings.fit_modes)
-    problem = "names no mode of which tensile.csv has a curve, so none would be fitted"
+    problem = "names no mode that has a curve in tensile.csv, so none would be fitted"
     remedy = f"name at least one of {', '.join(there)}, or leave the key out to fit all"
     yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
 
 
 def after_first_loading(tensile: pd.DataFrame) -> pd.Series:
-    """Return which readings of films come after stretch has fallen back by more than noise.
+    """Return which film readings follow a fall of stretch beyond noise.
 
-    Tension and compression of a specimen are looked at each by itself, in the order of the file.
+    Tension and compression of a specimen are treated separately, in file order.
 
     Examples
     --------
@@ -574,7 +574,7 @@ def after_first_loading(tensile: pd.DataFrame) -> pd.Series:
 
 
 def _unloading(tensile: pd.DataFrame) -> Iterator[Fault]:
-    """Refuse films that are let back: one curve is fitted to each, that of its first loading."""
+    """Refuse unloading of films: only the first loading of each is fitted."""
     named = pd.Series(False, index=tensile.index)
     if "branch" in tensile:
         named = tensile["branch"].str.casefold() == UNLOADING
@@ -586,24 +586,24 @@ def _unloading(tensile: pd.DataFrame) -> Iterator[Fault]:
     more = len(counts) - TOLD_ONE_BY_ONE
     which += f" and {more} more specimens" if more > 0 else ""
     were = "was" if back.sum() == 1 else "were"
-    problem = f"{back.sum()} of {len(back)} rows {were} read after the first loading ({which})"
+    problem = f"{back.sum()} of {len(back)} rows {were} recorded after the first loading ({which})"
     remedy = (
         "unloading and later cycles are not modelled: keep the first loading of each specimen; "
-        "where rows are only out of order, sort them by stretch"
+        "if rows are only out of order, sort them by stretch"
     )
     column = "branch" if named.any() else "stretch"
     yield Fault("tensile.csv", problem, remedy, None, column)
 
 
 def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[Fault]:
-    """Refuse a range of stretch in which no reading of a mode that is fitted lies."""
+    """Refuse a stretch range that contains no reading of a fitted mode."""
     place = (None, "material.stretch_range", str(list(settings.stretch_range or ())))
     if tensile is None:
-        yield Fault(SETTINGS_FILE, "is of no use without tensile.csv", "remove the key", *place)
+        yield Fault(SETTINGS_FILE, "has no effect without tensile.csv", "remove the key", *place)
         return
     fitted = tensile.frame[tensile.frame["mode"].isin(settings.fit_modes)]
     if not in_range(settings, fitted).any():
-        problem = "leaves no reading of tensile.csv that could be fitted"
+        problem = "leaves no reading of tensile.csv to fit"
         low, high = fitted["stretch"].min(), fitted["stretch"].max()
         yield Fault(
             SETTINGS_FILE, problem, f"the films have stretches of {low:g} to {high:g}", *place
@@ -611,20 +611,20 @@ def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[F
 
 
 def in_range(settings: Settings, tensile: pd.DataFrame) -> pd.Series:
-    """Return which readings of films are at stretches that are read."""
+    """Return which film readings lie in the stretch range."""
     low, high = settings.stretch_range or (0.0, np.inf)
     return tensile["stretch"].between(low, high)
 
 
 def _too_light(settings: Settings, shrinkage: pd.DataFrame) -> Iterator[Fault]:
-    """Refuse films that weigh less than the gelatin and glycerol that were poured."""
+    """Refuse films that weigh less than the gelatin and glycerol poured."""
     solids = settings.recipe.mixture.solids
     share = shrinkage["mass_conditioned_g"] / shrinkage["mass_poured_g"]
     for row in shrinkage[share < solids].to_dict("records"):
         weight = float(row["mass_conditioned_g"])
         problem = (
-            f"is {weight / row['mass_poured_g']:.3g} of what was poured of film {row['film_id']}, "
-            f"where the gelatin and glycerol of the recipe alone are {solids:.3g}"
+            f"is {weight / row['mass_poured_g']:.3g} of the poured mass of film {row['film_id']}, "
+            f"but the gelatin and glycerol of the recipe alone are {solids:.3g}"
         )
         remedy = f"check the masses, or the parts under [shrinkage] in {SETTINGS_FILE}"
         yield Fault("shrinkage.csv", problem, remedy, None, "mass_conditioned_g", f"{weight:g}")
@@ -667,7 +667,7 @@ def _read_files(
 ) -> tuple[dict[str, bytes], tuple[Fault, ...]]:
     if not folder.is_dir():
         problem = "is not a folder" if folder.exists() else "does not exist"
-        remedy = f"name a folder that holds {SETTINGS_FILE} and the data"
+        remedy = f"name a folder with {SETTINGS_FILE} and the data"
         return {}, (Fault(str(folder), problem, remedy),)
     contents, faults = {}, []
     for path in sorted(folder.iterdir()):
@@ -676,7 +676,7 @@ def _read_files(
         try:
             contents[path.name] = read_bytes(path, most_mb=STUDY_MB)
         except OSError as error:
-            remedy = "give a file that can be read"
+            remedy = "give a readable file"
             faults.append(Fault(path.name, f"cannot be read ({reason(error)})", remedy))
     return contents, tuple(faults)
 
@@ -687,13 +687,13 @@ def _wrong_files(
     there = found | {fault.file for fault in unreadable}
     misnamed = dict(_misnamed(folder, data_files, there))
     for name, meant in misnamed.items():
-        remedy = f"did you mean {meant!r}? Rename it, or give it a name less like that"
-        yield Fault(name, "is not a file that is read", remedy)
+        remedy = f"did you mean {meant!r}? Rename it, or give it a less similar name"
+        yield Fault(name, "is not an input file", remedy)
     if SETTINGS_FILE not in {*there, *misnamed.values()}:
-        yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty, all keys have defaults")
+        yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty: all keys have defaults")
     if not ({*there, *misnamed.values()} & set(data_files)):
         remedy = f"add at least one of {', '.join(data_files)}"
-        yield Fault(folder.resolve().name, "holds no data file", remedy)
+        yield Fault(folder.resolve().name, "contains no data file", remedy)
 
 
 def _misnamed(

@@ -1,6 +1,6 @@
-"""The columns of every CSV file of a study, and what rows must fulfil together.
+"""Columns of every CSV file of a study, and rules for its rows.
 
-A file is a pandera schema. A check carries its words: ``error`` says what is wrong, ``description``
+A file is a pandera schema. The wording of a check is ``error``, what is wrong, and ``description``,
 what would be right.
 """
 
@@ -22,19 +22,19 @@ type Holds = Callable[[pd.DataFrame], pd.Series]
 def row_check(
     column: str | None, problem: str, remedy: str, needs: tuple[str, ...], holds: Holds
 ) -> pa.Check:
-    """Demand something of several columns or rows of a table.
+    """Check a rule over several columns or rows of a table.
 
     Parameters
     ----------
     column : str or None
         Column that the fault names; ``None`` for the row as a whole.
     problem, remedy : str
-        The words of the fault.
+        Wording of the fault.
     needs : tuple of str
-        Columns it reads; a row with a faulty cell in one of them is not judged.
+        Columns it reads; rows with a faulty cell in one of them are not checked.
     holds : callable
-        Takes the checked columns and says of every row whether the demand is met. Cells that
-        are missing meet it.
+        Takes the checked columns and returns for every row whether the rule holds. Missing cells
+        satisfy it.
 
     Returns
     -------
@@ -55,9 +55,9 @@ def broken(check: pa.Check, data: pd.DataFrame | pd.Series) -> list[int]:
     Parameters
     ----------
     check : pandera.Check
-        Of `TABLES`.
+        From `TABLES`.
     data : DataFrame or Series
-        The table for a check of rows, else the column, whose missing cells pass.
+        The table for a row check, else the column; missing cells pass.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def broken(check: pa.Check, data: pd.DataFrame | pd.Series) -> list[int]:
 
 
 def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> pa.Check:
-    """Demand that one column does not exceed another.
+    """Check that one column does not exceed another.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> p
 
 
 def once(column: str, remedy: str) -> pa.Check:
-    """Demand that a label stands on one row only.
+    """Check that a label is unique.
 
     Parameters
     ----------
@@ -118,11 +118,11 @@ def once(column: str, remedy: str) -> pa.Check:
     def holds(frame: pd.DataFrame) -> pd.Series:
         return frame[column].isna() | ~frame.duplicated([column])
 
-    return row_check(column, "stands on more than one row", remedy, (column,), holds)
+    return row_check(column, "is on more than one row", remedy, (column,), holds)
 
 
 def not_all_zero(column: str, *within: str, least: float, remedy: str) -> pa.Check:
-    """Demand that something was applied or measured at all.
+    """Check that something was applied or measured.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def not_all_zero(column: str, *within: str, least: float, remedy: str) -> pa.Che
     *within : str
         Columns by which the rows are grouped first.
     least : float
-        Below this, of the column's unit, a value counts as 0.
+        A value below this, in the column's unit, counts as 0.
     remedy : str
         What would be right.
 
@@ -154,7 +154,7 @@ def not_all_zero(column: str, *within: str, least: float, remedy: str) -> pa.Che
         first = ~pd.Series(keys, index=frame.index).duplicated()
         return ~(nothing & first & ~unknown)
 
-    problem = "is 0, and so is every other one" + (f" of this {within[0]}" if within else "")
+    problem = "is 0, like all others" + (f" of this {within[0]}" if within else "")
     return row_check(column, problem, remedy, (column, *within), holds)
 
 
@@ -162,7 +162,7 @@ def _one_degradation(frame: pd.DataFrame) -> pd.Series:
     rate = frame["degradation_pct"]
     first = rate.groupby(frame["specimen_id"]).transform("first")
     differs = rate.notna() & first.notna() & (rate != first)
-    # the first row that differs speaks for the specimen
+    # report only the first row that differs
     return ~(differs & ~frame.assign(differs=differs).duplicated(["specimen_id", "differs"]))
 
 
@@ -172,9 +172,9 @@ def _previous(frame: pd.DataFrame, column: str) -> pd.Series:
 
 
 def _back_without_branch(frame: pd.DataFrame) -> pd.Series:
-    """Return where pressure goes on falling, or to what was read, in a file without unloading.
+    """Return where pressure keeps falling, or returns to an earlier one, without any unloading.
 
-    One fall to another pressure is a slip, or a row in another place.
+    A single fall to a new pressure is a slip or a misplaced row.
     """
     if (frame["branch"] == UNLOADING).any():
         return pd.Series(False, index=frame.index)
@@ -185,12 +185,12 @@ def _back_without_branch(frame: pd.DataFrame) -> pd.Series:
 
 def _branch_named(frame: pd.DataFrame) -> pd.Series:
     back = _back_without_branch(frame)
-    # one row speaks for the file
+    # report only one row of the file
     return ~back | back.cumsum().gt(1)
 
 
 def _pressure_proceeds(frame: pd.DataFrame) -> pd.Series:
-    if _back_without_branch(frame).any():  # the order of rows is that of no branch then
+    if _back_without_branch(frame).any():  # row order then follows no branch
         return pd.Series(True, index=frame.index)
     step = frame["pressure_kPa"] - _previous(frame, "pressure_kPa")
     held = (step == 0.0) & (frame["time_s"] > _previous(frame, "time_s"))
@@ -209,44 +209,44 @@ def _curvature_recorded(frame: pd.DataFrame) -> pd.Series:
 ONE_DEGRADATION = row_check(
     "degradation_pct",
     "differs from the degradation rate of the same specimen on an earlier row",
-    "give one specimen one degradation rate; another rate is another specimen_id",
+    "give a specimen one degradation rate; use a new specimen_id for a different rate",
     ("specimen_id", "degradation_pct"),
     _one_degradation,
 )
 BRANCH_NAMED = row_check(
     "pressure_kPa",
-    "falls after it rose, and no row is named unloading",
-    "add a column branch, with loading where pressure rises and unloading where it falls (of "
+    "falls after rising, but no row has branch unloading",
+    "add a column branch, with loading where pressure rises and unloading where it falls (for "
     "several ramps also a column cycle, with 1, 2, …), or correct the pressure",
     (*BRANCH, "pressure_kPa"),
     _branch_named,
 )
 PRESSURE_PROCEEDS = row_check(
     "pressure_kPa",
-    "does not go on in the direction of its branch",
+    "does not continue in the direction of its branch",
     "within one specimen, cycle and branch pressure must rise while loading and fall while "
-    "unloading; it may be held only where time_s goes on",
+    "unloading; it may be constant only where time_s advances",
     (*BRANCH, "pressure_kPa", "time_s"),
     _pressure_proceeds,
 )
 TIME_PROCEEDS = row_check(
     "time_s",
-    "is earlier than on the row before of the same branch",
-    "put the rows in the order in which they were read",
+    "is earlier than in the previous row of the same branch",
+    "sort the rows in the order of reading",
     (*BRANCH, "time_s"),
     _time_proceeds,
 )
 CURVATURE_RECORDED = row_check(
     "curvature_per_m",
     "is empty although the specimen has not burst",
-    "give the curvature; it may be empty only on the row with ruptured = 1",
+    "give the curvature; it may be empty only in the row with ruptured = 1",
     ("curvature_per_m", "ruptured"),
     _curvature_recorded,
 )
 SOMETHING_APPLIED = not_all_zero(
     "pressure_kPa",
     least=1e-6,
-    remedy="give gauge pressures in kPa; an actuator without pressure shows nothing",
+    remedy="give gauge pressures in kPa; an actuator without pressure carries no information",
 )
 SOMETHING_STRESSED = not_all_zero(
     "stress_MPa", "mode", least=1e-9, remedy="give the measured stresses in MPa, or remove the rows"
@@ -255,7 +255,7 @@ SOMETHING_STRESSED = not_all_zero(
 
 _NONE = ("–", "-", "1")
 
-#: The ways in which the unit of each statistic may be written.
+#: Accepted spellings of the unit of each statistic.
 UNITS_OF_STATISTICS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "young_modulus": ("MPa",),
@@ -315,7 +315,7 @@ SUMMARY_CHECKS = (
     ),
     row_check(
         "value",
-        "is above 1, which no R² can be",
+        "is above 1, impossible for R²",
         "give 1 − SSE/SST",
         ("quantity", "value"),
         _value_is_at_most_one,
@@ -323,17 +323,17 @@ SUMMARY_CHECKS = (
 )
 
 
-#: A rate is a ratio of two means, so near 0 its scatter may take it below.
+#: A rate is a ratio of two means, so scatter may make it slightly negative near 0.
 LOWEST_DEGRADATION_PCT = -5.0
-#: The toughest hydrogels break at about 25; a length in percent is 100 and more.
+#: The toughest hydrogels break at about 25; lengths in percent are 100 and more.
 LARGEST_STRETCH = 50.0
 
 POSITIVE = pa.Check.gt(0.0, error="is not above 0", description="give a number above 0")
 NOT_NEGATIVE = pa.Check.ge(0.0, error="is below 0", description="give 0 or a number above 0")
 NO_VACUUM = pa.Check.ge(
     0.0,
-    error="is below 0, and actuators under vacuum are not computed",
-    description="remove these rows; where it is the zero of the gauge, give pressures less it",
+    error="is below 0, but actuators under vacuum are not supported",
+    description="remove these rows; if it is the gauge's zero error, subtract it everywhere",
 )
 PERCENT = pa.Check.le(100.0, error="is above 100 %", description="give a percentage up to 100")
 WHOLE = pa.Check(
@@ -341,20 +341,20 @@ WHOLE = pa.Check(
 )
 ROOM = pa.Check.in_range(
     *(COLDEST, HOTTEST),
-    error="is no temperature of a room or an oven",
+    error="is not a plausible room or oven temperature",
     description="give degrees Celsius",
 )
 BURST = pa.Check.isin(
-    [0, 1], error="is neither 0 nor 1", description="give 1 where it burst, else 0"
+    [0, 1], error="is neither 0 nor 1", description="give 1 where the specimen burst, else 0"
 )
 STRETCHABLE = pa.Check.le(
     LARGEST_STRETCH,
-    error=f"is above {LARGEST_STRETCH:g}, which no elastomer bears",
-    description="give a ratio of lengths, 1 = undeformed; 150 % of the length is 1.5",
+    error=f"is above {LARGEST_STRETCH:g}, beyond any elastomer",
+    description="give a ratio of lengths, 1 = undeformed, 1.5 = 150 % of the length",
 )
 KNOWN_RATE = pa.Check.le(
     LARGEST_RATE_SD,
-    error=f"is above {LARGEST_RATE_SD:g} %, the standard error of a rate of which nothing is known",
+    error=f"is above {LARGEST_RATE_SD:g} %, the standard error of an unknown rate",
     description="give the standard error of degradation_pct in percent, or leave the cell empty",
 )
 MEASURED_RATE = pa.Check.ge(
@@ -375,14 +375,14 @@ def text(*, empty: bool = False, default: str | None = None) -> pa.Column:
 
 
 def _word(*words: str, optional: bool = True) -> pa.Column:
-    """Make a column of known words, of which the first is meant where an optional one is empty."""
+    """Make a column of known words; an empty optional cell means the first."""
     check = pa.Check.isin(words, error="is not known")
     default = words[0] if optional else None
     return pa.Column(str, check, nullable=optional, required=not optional, default=default)
 
 
 def _label() -> pa.Column:
-    """Make an optional column of names, of which none is meant where it is empty."""
+    """Make an optional column of names; an empty cell means none."""
     return pa.Column(str, nullable=True, required=False)
 
 
@@ -391,7 +391,7 @@ def _whole(*checks: pa.Check, default: int) -> pa.Column:
 
 
 def words_of(column: pa.Column) -> tuple[str, ...]:
-    """Return the words that may stand in a column; none where any may.
+    """Return the words allowed in a column; none if any is.
 
     Examples
     --------
@@ -403,7 +403,7 @@ def words_of(column: pa.Column) -> tuple[str, ...]:
 
 
 AGAINST_DEGRADATION = " against degradation"
-"""Ends a statement that is shorter where nothing degrades."""
+"""Ending of a statement, omitted where nothing degrades."""
 
 
 @dataclass(frozen=True)
@@ -413,18 +413,18 @@ class Table:
     Parameters
     ----------
     name : str
-        In a `bayesdeg.data.study.Study`.
+        Name in a `bayesdeg.data.study.Study`.
     schema : pandera.DataFrameSchema
-        Its columns in the order of the contract, a file may have more, and what rows must fulfil
-        together; its name is that of the file.
+        Its columns in the order of the contract (a file may have more) and rules for its rows; its
+        name is that of the file.
     cost : str
-        What a study without it goes without; empty where nothing is missed.
+        Consequence of its absence; empty if there is none.
     supports : str
-        Which statements of a report rest on it.
+        Statements of a report that rest on it.
     counts : str
-        What stands in its first column, in the plural: of these the report gives the number.
+        What its first column lists, in the plural; the report gives their number.
     of_degradation : bool
-        Whether it is of degradation or shrinkage, and not missed where there is neither.
+        Whether it concerns degradation or shrinkage, so that it is not missed without them.
     """
 
     name: str
@@ -446,7 +446,7 @@ class Table:
         return found
 
     def cost_in(self, *, degrades: bool) -> str:
-        """Return what a study goes without if it lacks this; empty where nothing is missed.
+        """Return the consequence of its absence; empty if there is none.
 
         Examples
         --------
@@ -456,7 +456,7 @@ class Table:
         return self.cost if degrades or not self.of_degradation else ""
 
     def supports_in(self, *, degrades: bool) -> str:
-        """Return which statements rest on it.
+        """Return the statements that rest on it.
 
         Examples
         --------
@@ -482,7 +482,7 @@ MOISTURE = pa.DataFrameSchema(
         "mass_dry_g": number(POSITIVE),
     },
     [
-        once("film_id", "give one row a film, and every film its own name"),
+        once("film_id", "give one row per film, each film with its own name"),
         at_most(
             "mass_dry_g", "mass_equilibrated_g", "a film loses mass when it dries", strictly=True
         ),
@@ -499,7 +499,7 @@ MASS_LOSS = pa.DataFrameSchema(
         "mass_equilibrated_after_g": number(POSITIVE),
     },
     [
-        once("specimen_id", "give one row a sample, and every sample its own name"),
+        once("specimen_id", "give one row per sample, each sample with its own name"),
         *(
             at_most(
                 f"mass_dry_{state}_g",
@@ -520,7 +520,7 @@ SHRINKAGE = pa.DataFrameSchema(
         "mass_conditioned_g": number(POSITIVE),
     },
     [
-        once("film_id", "give one row a film, and every film its own name"),
+        once("film_id", "give one row per film, each film with its own name"),
         at_most("mass_cured_g", "mass_poured_g", "a film loses mass when it cures"),
         at_most("mass_conditioned_g", "mass_cured_g", "a film loses mass when it is conditioned"),
     ],
@@ -541,13 +541,13 @@ TENSILE = pa.DataFrameSchema(
 )
 BREAKS = pa.DataFrameSchema(
     _specimens() | {"elongation_pct": number(POSITIVE)},
-    [once("specimen_id", "a specimen breaks once; give every specimen its own name")],
+    [once("specimen_id", "a specimen breaks once; give each specimen its own name")],
     name="break.csv",
 )
 
 
 def of_actuators(read: Mapping[str, pa.Column]) -> dict[str, pa.Column]:
-    """Return the columns of a file of tests of actuators at pressures, in which this was read."""
+    """Return the columns of a file of actuator tests with these readings."""
     return {
         **_specimens(),
         "pressure_kPa": number(NO_VACUUM),
@@ -593,7 +593,7 @@ SUMMARY = pa.DataFrameSchema(
     name="summary.csv",
 )
 #: The tables of films and actuators by their names; kinds of data that are files of
-#: `bayesdeg.observations` bring theirs along, see `bayesdeg.observations.catalogue.TABLES`.
+#: `bayesdeg.observations` define their own, see `bayesdeg.observations.catalogue.TABLES`.
 TABLES: Mapping[str, Table] = MappingProxyType(
     {
         table.name: table
@@ -601,7 +601,7 @@ TABLES: Mapping[str, Table] = MappingProxyType(
             Table(
                 "moisture",
                 MOISTURE,
-                cost="degradation rates are taken as recorded, without a check against time",
+                cost="degradation rates are not checked against time",
                 of_degradation=True,
             ),
             Table(
@@ -634,13 +634,13 @@ TABLES: Mapping[str, Table] = MappingProxyType(
             Table(
                 "actuator",
                 ACTUATOR,
-                cost="nothing can be said of the actuator: no misfit, no cause, no bands",
+                cost="no statement about the actuator: no misfit, no cause, no bands",
                 supports="verdict, gain, curvature bands",
             ),
             Table(
                 "summary",
                 SUMMARY,
-                cost="nothing is compared with, or rests on, published statistics",
+                cost="published statistics are neither compared nor used",
             ),
         )
     }

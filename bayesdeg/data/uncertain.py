@@ -1,4 +1,4 @@
-"""Dimensions of an actuator that are known by a law alone: where they may lie."""
+"""Dimensions of an actuator given by a distribution: their possible range."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,36 +12,36 @@ from numpy.typing import ArrayLike
 from bayesdeg.priors import FloatArray, Law, Normal, Parameter, TruncatedNormal, Uniform
 
 PREFIX = "actuator."
-"""Of the names of parameters that are dimensions."""
+"""Prefix of parameters that are dimensions."""
 UNIT = "mm"
 MOST = 3
-"""Uncertain dimensions of an actuator: curves are solved for each, and for each pair."""
+"""Maximum number of uncertain dimensions: curves are solved for each, and for each pair."""
 BEYOND = 0.00135
-"""Mass of a law on either side that is left out: as beyond three standard deviations of a normal
-law. No curve is solved out there."""
+"""Probability cut off at either end of a law: that beyond three standard deviations of a normal
+law. No curve is solved there."""
 MOST_LOST = 0.01
-"""Mass of a law that may lie where no actuator can be made. It is left out then; of more the law
-says what its author cannot mean."""
+"""Probability of a law that may lie where no actuator can be made, and is then cut off; with more,
+the law is refused as a mistake."""
 KEPT_OFF = 0.05
-"""Of the way from the median to where a wall vanishes: so near to it there is no mesh."""
-NEAR = 0.02  # of the width of a law, within which its bounds count as its ends
+"""Share of the way from the median to a vanishing wall that is kept off, as meshes fail there."""
+NEAR = 0.02  # of a law's width: bounds this close to its ends count as its ends
 _HALVINGS = 60
-_SD = 0.1586552539314571  # mass below one standard deviation under the mean of a normal law
+_SD = 0.1586552539314571  # probability below μ − σ of a normal law
 
 Problems = Callable[[Mapping[str, float]], tuple[str, ...]]
-"""Says why no actuator can be made where dimensions have other values [mm]."""
+"""Says why no actuator can be made with changed dimensions [mm]."""
 
 
 @dataclass(frozen=True)
 class BoundedLaw(Law):
-    """A law of which only what lies between two bounds is left; logit transform.
+    """A law truncated to two bounds; logit transform.
 
     Parameters
     ----------
     law : Law
-        Before.
+        The law before truncation.
     low, high : float
-        Bounds, between which there is some of its mass.
+        Bounds, between which its probability is positive.
 
     Examples
     --------
@@ -56,9 +56,9 @@ class BoundedLaw(Law):
     high: float
 
     def __post_init__(self) -> None:
-        """Refuse bounds between which there is nothing."""
+        """Refuse bounds without probability between them."""
         if not self.low < self.high:
-            raise ValueError(f"low must be below high, not {self.low!r} and {self.high!r}")
+            raise ValueError(f"low must be below high, got {self.low!r} and {self.high!r}")
         first, last = self._ends
         if not last > first:
             raise ValueError(f"no probability between {self.low!r} and {self.high!r}")
@@ -87,7 +87,7 @@ class BoundedLaw(Law):
 
 
 def mass_below(law: Law, x: float) -> float:
-    """Return the mass of a law below a value, from its quantiles.
+    """Return the probability of a law below a value, from its quantiles.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def mass_below(law: Law, x: float) -> float:
 
 
 def bounded(law: Law, low: float, high: float) -> Law:
-    """Return a law between two bounds, of its own class where that has bounds.
+    """Truncate a law to two bounds, keeping its class if that has bounds.
 
     Examples
     --------
@@ -120,18 +120,18 @@ def bounded(law: Law, low: float, high: float) -> Law:
 
 @dataclass(frozen=True)
 class UncertainDimension:
-    """A dimension of an actuator that is a prior, and where it may lie.
+    """A dimension of an actuator given by a prior, and its range.
 
     Parameters
     ----------
     name : str
-        Of the dimension.
+        Name of the dimension.
     law : Law
-        As the study states it [mm].
+        As stated in the study [mm].
     low, high : float
-        Between which it is taken [mm].
+        Range used [mm].
     lost : float
-        Mass of the law where no actuator can be made [–].
+        Probability of the law where no actuator can be made [–].
 
     Examples
     --------
@@ -148,28 +148,28 @@ class UncertainDimension:
 
     @property
     def median(self) -> float:
-        """Where the actuator is built [mm]."""
+        """The value at which the actuator is built [mm]."""
         return float(self.law.quantile(0.5))
 
     @cached_property
     def step(self) -> float:
-        """Half of what holds the middle 68 % of the law, a standard deviation [mm]."""
+        """Half the width of the central 68 % of the law, a standard deviation [mm]."""
         low, high = self.law.quantile([_SD, 1.0 - _SD])
         return float(0.5 * (high - low))
 
     @property
     def range(self) -> tuple[float, float]:
-        """Its bounds less the median, in ``step`` [–]."""
+        """Its bounds minus the median, in units of ``step`` [–]."""
         return (self.low - self.median) / self.step, (self.high - self.median) / self.step
 
     @property
     def prior(self) -> Law:
-        """The law between the bounds [mm]."""
+        """The truncated law [mm]."""
         return bounded(self.law, self.low, self.high)
 
     @property
     def parameter(self) -> Parameter:
-        """What is sampled."""
+        """The sampled parameter."""
         return Parameter(f"{PREFIX}{self.name}", self.prior, UNIT, f"{self.name} as moulded")
 
 
@@ -196,22 +196,22 @@ def dimensions_among(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def uncertain_dimension(name: str, law: Law, problems: Problems) -> UncertainDimension:
-    """Return a dimension with the part of its law of which actuators can be made.
+    """Return a dimension with its law truncated to possible actuators.
 
     Parameters
     ----------
     name : str
-        Of a dimension whose median is possible.
+        A dimension whose median is possible.
     law : Law
-        Of its values [mm].
+        Law of its values [mm].
     problems : callable
-        Says what is wrong with other values of dimensions.
+        Says what is wrong with changed dimensions.
 
     Raises
     ------
     ValueError
         If more than ``MOST_LOST`` of the law lies where no actuator can be made; the message says
-        from where on, and why.
+        beyond which value, and why.
 
     Examples
     --------
@@ -234,7 +234,7 @@ def uncertain_dimension(name: str, law: Law, problems: Problems) -> UncertainDim
         if lost > MOST_LOST:
             side = "below" if far < median else "above"
             raise ValueError(
-                f"has {100.0 * lost:.2g} % of its mass {side} {last:.4g} mm, where "
+                f"has {100.0 * lost:.2g} % of its probability {side} {last:.4g} mm, where "
                 f"{wrong[0].partition('; ')[0]}"
             )
         ends.append(last + KEPT_OFF * (median - last))
@@ -242,14 +242,14 @@ def uncertain_dimension(name: str, law: Law, problems: Problems) -> UncertainDim
 
 
 def _far_ends(law: Law) -> tuple[float, float]:
-    """Return the values that little of a law lies beyond, or its bounds where they are near."""
+    """Return the tail quantiles of a law, or its bounds where they are close."""
     low, first, last, high = (float(law.quantile(u)) for u in (0.0, BEYOND, 1.0 - BEYOND, 1.0))
     near = NEAR * (last - first)
     return low if first - low < near else first, high if high - last < near else last
 
 
 def _last_possible(name: str, median: float, far: float, problems: Problems) -> float:
-    """Return the last value from the median on of which an actuator can be made [mm]."""
+    """Return the farthest value from the median with which an actuator can be made [mm]."""
     inner, outer = median, far
     for _ in range(_HALVINGS):
         middle = 0.5 * (inner + outer)
@@ -258,7 +258,7 @@ def _last_possible(name: str, median: float, far: float, problems: Problems) -> 
 
 
 def corners(dimensions: tuple[UncertainDimension, ...]) -> Iterator[dict[str, float]]:
-    """Yield all dimensions a standard deviation off together, in all directions [mm].
+    """Yield all combinations of dimensions one standard deviation off [mm].
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Which rows of the files of a study no likelihood uses, and why."""
+"""Rows of a study's files that no likelihood uses, and why."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import pandas as pd
 
 
 class Why(StrEnum):
-    """Why rows are not used."""
+    """Reason why rows are not used."""
 
     AFTER_BURST = "after_burst"
     OUTSIDE_RANGE = "outside_stretch_range"
@@ -29,9 +29,9 @@ class Unused:
     why : Why
         The reason.
     rows : int
-        How many; one or more.
+        Number of rows, at least one.
     specimens : tuple of str
-        Whose.
+        Specimens of these rows.
     """
 
     file: str
@@ -41,7 +41,7 @@ class Unused:
 
 
 def unused_of(file: str, why: Why, table: pd.DataFrame) -> tuple[Unused, ...]:
-    """Return the entry of rows that are not used; nothing if there are none.
+    """Return the entry for unused rows; empty if there are none.
 
     Examples
     --------
@@ -56,10 +56,10 @@ def unused_of(file: str, why: Why, table: pd.DataFrame) -> tuple[Unused, ...]:
 
 
 def undeformed(tensile: pd.DataFrame) -> pd.Series:
-    """Return which rows of films are at a stretch of exactly 1 and a stress of exactly 0.
+    """Return which film rows have a stretch of exactly 1 and a stress of exactly 0.
 
-    Every law of the material has them, with any cause, so they say nothing of either; and a
-    prediction that is met exactly lets a density grow without bound as its error shrinks.
+    Every material law, with any cause, satisfies them, so they carry no information; and an exactly
+    met prediction lets a density grow without bound as its error shrinks.
 
     Examples
     --------
@@ -71,12 +71,12 @@ def undeformed(tensile: pd.DataFrame) -> pd.Series:
 
 
 def at_rest(tables: Iterable[tuple[str, pd.DataFrame | None]]) -> tuple[Unused, ...]:
-    """Return the rows of tables at no load, whose readings are 0 by the laws or by definition.
+    """Return the rows of tables without load, whose readings are 0 by the laws or by definition.
 
     Parameters
     ----------
     tables : iterable of (str, DataFrame or None)
-        Of films or of actuators, by the names of their files.
+        Films or actuators, with the names of their files.
     """
     found: list[Unused] = []
     for file, table in tables:

@@ -1,1 +1,1 @@
-"""The forward map, fast, with its own error."""
+"""Fast emulator of the forward map, with its own error."""

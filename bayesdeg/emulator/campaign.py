@@ -1,4 +1,4 @@
-"""Finite element runs over any executor; what stands in the store is never solved again."""
+"""Run finite element campaigns on any executor; stored solutions are never solved again."""
 
 import json
 import os
@@ -83,31 +83,31 @@ Indices = NDArray[np.int64]
 
 # cubic in load and material, quadratic in each cause
 FAMILY = Family((3, 3, 3, 3), (1, 0, 0, 0), (2, 2, 0, 2, 2, 2, 2, 2, 2))
-SMALLEST = 2e-4  # relative error that is taken for rounding of the path
+SMALLEST = 2e-4  # relative error attributed to rounding of the path
 PENALTY = 1e-3
 INSIDE = 0.9
-# runs count by how near their material is to those that studies meet: over how many standard
-# deviations, and how much at least
+# weight of runs by how close their material is to those of studies: scale in standard deviations,
+# and smallest weight
 REACH, LEAST = 2.0, 0.02
-NARROWEST = 1e-6  # spread of alike materials, of half of the range: it can then be inverted
+NARROWEST = 1e-6  # least spread of materials, of half the range: keeps the covariance invertible
 
 
 def fit_errors(points: Floats, left_out: Floats, weights: Floats, family: Family = FAMILY) -> Terms:
     """Return ln of the squared relative errors as terms.
 
-    Their mean square is fitted by a gamma regression; then its level is set so that nine tenths
-    of the errors lie within the 90 % interval of a normal law.
+    Their mean square is fitted by a gamma regression; the level is then set so that nine tenths of
+    the errors lie within the 90 % interval of a normal law.
 
     Parameters
     ----------
     points : array, shape (n, 13)
         Coordinates.
     left_out : array, shape (n, n_outputs)
-        Relative errors of runs left out [–].
+        Relative errors of held-out runs [–].
     weights : array, shape (n,)
-        How much each counts, see ``nearness``.
+        Weight of each, see ``nearness``.
     family : Family
-        Of the terms.
+        Family of the terms.
     """
     orders = family.orders
     matrix = features(orders, points)
@@ -128,15 +128,15 @@ def fit_errors(points: Floats, left_out: Floats, weights: Floats, family: Family
 def nearness(points: Floats, usual: Floats) -> Floats:
     """Return exp(−d²/8) + 0.02 with d the distance from usual materials, (n,).
 
-    d is Mahalanobis's, over the mean and the covariance of the usual ones. So the error is known
-    best where it is asked for, and next to the edges of the range it is rather too large.
+    d is the Mahalanobis distance, with the mean and covariance of the usual materials. The error is
+    then accurate where the emulator is used, and conservative near the edges of the range.
 
     Parameters
     ----------
     points : array, shape (n, 13)
         Coordinates.
     usual : array, shape (m, 13)
-        Coordinates of materials that studies meet.
+        Coordinates of materials typical of studies.
     """
     material = slice(1, N_CHEBYSHEV)
     centre, spread = usual[:, material].mean(axis=0), np.cov(usual[:, material].T)
@@ -154,14 +154,14 @@ def _weighted_quantile(values: Floats, weights: Floats, share: float) -> float:
 
 
 def coverage(errors: Terms, points: Floats, left_out: Floats) -> list[float]:
-    """Return which share of errors lies within the 90 % interval, one an output."""
+    """Return the share of errors within the 90 % interval, one per output."""
     sd = np.exp(0.5 * features(errors.orders, points) @ errors.coefficients.T)
     within = np.abs(left_out) <= norm.ppf(0.5 * (1.0 + INSIDE)) * sd
     return [float(share) for share in within.mean(axis=0)]
 
 
 def summary(worst: Sequence[float]) -> dict[str, float]:
-    """Return rms, 95th percentile and largest of errors, one a curve [%]."""
+    """Return rms, 95th percentile and maximum of errors, one per curve [%]."""
     size = 100.0 * np.abs(np.asarray(worst, dtype=np.float64))
     if len(size) == 0:
         return {}
@@ -177,14 +177,14 @@ LIMIT_FAMILY = Family((0, 5, 5, 3), (0, 2, 2, 2), (2, 2, 1, 2, 2, 1, 2, 3, 3), (
 PRIOR = Prior(material=0.35, cause=0.25, noise=2e-2)
 # the standard error grows with the square of each cause
 ERRORS = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (2,))
-# standard error of the fine mesh's ln(reach) where none of its curves was seen to end: of a soft
-# pneunet of 60 mm, whose meshes have elements of 3 and 1.4 mm, two curves end 0.5 % later
+# standard error of the fine mesh's ln(reach) if none of its curves was seen to end: for a soft
+# 60 mm pneunet, with elements of 3 and 1.4 mm, two curves end 0.5 % later
 UNKNOWN_SHIFT = 0.005
-UNKNOWN_LIMIT = 0.05  # standard error of ln(reach) where no curve of an actuator was seen to end
-# errors for each part of that standard error: of an emulator for one study a dozen curves end, and
-# one of 0.3 of ln(reach) was stated where paper was a seventh thinner than as nominal
+UNKNOWN_LIMIT = 0.05  # standard error of ln(reach) if no curve of an actuator was seen to end
+# required errors per part of that standard error: for one study a dozen curves end, and an error of
+# 0.3 of ln(reach) was stated where paper was a seventh thinner than nominal
 ERRORS_FOR_PARTS = 8
-ROUNDS, HALVINGS = 200, 12  # most Newton steps, and how often one is halved
+ROUNDS, HALVINGS = 200, 12  # maximum Newton steps, and halvings of one
 FOLDS = 10
 
 
@@ -197,7 +197,7 @@ class FittedLimit:
     terms : Terms
         ln of the warped load, and its standard error.
     left_out : array
-        Errors of the logarithm at runs left out whose limit is known [–].
+        Errors of the logarithm at held-out runs with a known limit [–].
     """
 
     terms: Terms
@@ -211,13 +211,12 @@ def fit_limit(
     family: Family = LIMIT_FAMILY,
     ground: Terms | None = None,
 ) -> FittedLimit:
-    """Fit ln of the warped load of the reach, or by how much it departs from that of ``ground``.
+    """Fit ln of the warped load of the reach, or its departure from that of ``ground``.
 
-    Many runs of a coarse mesh give the shape; how much earlier or later those of the ``fine`` mesh
-    end, in the median, shifts it.
+    Many runs of a coarse mesh give the shape; the median difference of the ``fine`` mesh's ends
+    shifts it.
 
-    Of a curve that is smooth to its end only a lower bound is known: it counts where the fit lies
-    below it.
+    A curve smooth to its end gives only a lower bound, which counts where the fit lies below it.
     """
     points, known, bounded = _table([r for r in reaches if r.load > 0.0])
     orders = family.orders
@@ -254,7 +253,7 @@ def summed(*parts: Terms) -> Terms:
 
 
 def _shift(best: Terms, ended: Sequence[Reach]) -> float:
-    """Return the median of ln(reach) less the fit at runs whose end is known; 0 if there are none.
+    """Return the median of ln(reach) minus the fit at runs with a known end; 0 if there are none.
 
     The first term is the constant.
     """
@@ -265,10 +264,10 @@ def _shift(best: Terms, ended: Sequence[Reach]) -> float:
 
 
 def _fit(matrix: Floats, known: Floats, bound: Floats, bounded: NDArray[np.bool_]) -> Floats:
-    """Return scaled coefficients; of a bound only what the fit lies below it counts.
+    """Return scaled coefficients; a bound counts only where the fit lies below it.
 
-    By Newton steps: each is a linear fit to the known values and to the bounds that the last one
-    passed, shortened where it passes so many others that the fit is worse.
+    Newton steps: each is a linear fit to the known values and to the bounds violated by the last
+    one, shortened if it violates so many others that the fit gets worse.
     """
     ridge = PRIOR.noise**2
     target = np.where(bounded, bound, known)
@@ -296,7 +295,7 @@ def _fit(matrix: Floats, known: Floats, bound: Floats, bounded: NDArray[np.bool_
 
 
 def _table(reaches: Sequence[Reach]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return coordinates without the load, ln of the warped load, and where it is a bound."""
+    """Return coordinates without the load, ln of the warped load, and whether it is a bound."""
     groups = np.column_stack([[r.load for r in reaches], [r.groups for r in reaches]])
     place = coordinates(groups)
     points = place.points.copy()
@@ -306,10 +305,10 @@ def _table(reaches: Sequence[Reach]) -> tuple[Floats, Floats, NDArray[np.bool_]]
 
 
 def _errors(points: Floats, left_out: Floats) -> Terms:
-    """Return the standard error as a constant and a part for the square of each cause, none < 0.
+    """Return the standard error as a constant plus a non-negative part per squared cause.
 
-    Of few errors it is a constant: parts of causes that hardly moved in them would grow beyond all
-    bounds where they do.
+    For few errors it is a constant: parts of causes that hardly varied in them would be unbounded
+    where they do.
     """
     if len(left_out) == 0:
         return Terms(FAMILY.orders[:1], np.full((1, 1), UNKNOWN_LIMIT))
@@ -318,33 +317,33 @@ def _errors(points: Floats, left_out: Floats) -> Terms:
     if len(left_out) < ERRORS_FOR_PARTS * len(even):
         even = even[:1]
     matrix = features(even, points)
-    # the mean size of a normal error is √(2/π) of its standard deviation
+    # the mean absolute normal error is √(2/π) of its standard deviation
     parts, _ = nnls(matrix, np.abs(left_out) * np.sqrt(0.5 * np.pi))
     return Terms(even, parts[None])
 
 
 ANGLES = (0, 1)  # curvature and bend angle: smooth, fitted with their derivatives
-STRETCH = (2,)  # a quantile over points, wavy: over a wide range it is fitted by its values
+STRETCH = (2,)  # a quantile over points, wavy: over a wide range only its values are fitted
 
 
 @dataclass(frozen=True)
 class FitPlan:
-    """With which terms, and how strongly expected to fall, the outputs are fitted.
+    """Terms and priors with which outputs are fitted.
 
     Parameters
     ----------
     outputs : tuple of int
-        Fitted together.
+        Outputs fitted together.
     derivatives : bool
-        Whether derivatives are used beside values.
+        Whether derivatives are used besides values.
     family, correction : Family
         Terms on the coarse mesh, and of the fine mesh's deviation from it.
     prior, correction_prior : Prior
-        How fast their coefficients fall.
+        Expected decay of their coefficients.
     weight : float
-        Of a derivative over half of its group's range, against a value.
+        Weight of a derivative over half of its group's range, relative to a value.
     between : bool
-        Whether what is read between the equilibria is used.
+        Whether readings between the equilibria are used.
     """
 
     outputs: tuple[int, ...]
@@ -381,7 +380,7 @@ _STRETCH = FitPlan(
 PLANS = (
     _ANGLES,
     _STRETCH,
-    # corners decide, and the coarse mesh has others: the deviation from it has as many terms
+    # corners dominate and differ on the coarse mesh: the deviation from it has as many terms
     FitPlan(WEIBULL, True, SMOOTH, SMOOTH, _ANGLES.prior, Prior(0.6, 0.45, 0.35, 1e-2)),
     replace(_STRETCH, outputs=EQUIVALENT),
 )
@@ -389,18 +388,18 @@ PLANS = (
 
 @dataclass(frozen=True)
 class FitTerms:
-    """With which terms an emulator is fitted.
+    """Terms with which an emulator is fitted.
 
     Parameters
     ----------
     plans : tuple of FitPlan
-        Of ``OUTPUTS`` and of ``MEASURES``, in their order.
+        Plans of ``OUTPUTS`` and ``MEASURES``, in order.
     errors, limit : Family
-        Of the logarithm of squared errors, and of the limit.
+        Terms of the logarithm of squared errors, and of the limit.
     volume : FitPlan
-        Of the volume of the cavity, which is fitted where all runs have it.
+        Plan of the cavity volume, fitted if all runs have it.
     steepest : float
-        Growth d ln κ / d ln p up to which curves are learned [–].
+        Growth d ln κ / d ln p up to which curves are used [–].
     """
 
     plans: tuple[FitPlan, ...]
@@ -412,7 +411,7 @@ class FitTerms:
 
 VOLUME = (len(OUTPUTS) + len(MEASURES),)
 WHOLE = FitTerms(PLANS, FAMILY, LIMIT_FAMILY, replace(_ANGLES, outputs=VOLUME))
-# beside an emulator of another actuator: what departs from it is smooth, and few runs say it
+# with the emulator of a different actuator: the departure is smooth, and few runs suffice
 _NEAR = FitPlan(
     ANGLES,
     True,
@@ -429,8 +428,8 @@ _NEAR_STRETCH = FitPlan(
     Prior(0.6, 0.45, 0.35, 3e-2),
     Prior(0.5, 0.4, 0.3, 1e-1),
 )
-# without one: a curve up to where it balloons takes more orders in the load, and the part of the
-# material's range that one study asks for takes few
+# without one: a curve up to ballooning needs more orders in the load, and the part of the material
+# range used by one study needs few
 _ALONE = replace(
     _NEAR,
     family=Family((12, 4, 4, 3), (7, 2, 2, 2), (2, 2, 1, 3, 2, 1, 2, 3, 3), (3, 1, 1, 1)),
@@ -450,7 +449,7 @@ NEAR = FitTerms(
     ),
     Family((1, 0, 0, 0), (0, 0, 0, 0), 9 * (0,)),
     Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (1,)),
-    replace(_ALONE, outputs=VOLUME),  # the emulator that ships knows none to depart from
+    replace(_ALONE, outputs=VOLUME),  # the shipped emulator has none to depart from
 )
 BY_ITSELF = FitTerms(
     (
@@ -464,7 +463,7 @@ BY_ITSELF = FitTerms(
     NEAR.volume,
 )
 # a segment with straight channels hardly bends at first, and then grows by up to p^5.5 where its
-# channels widen, along a path that is smooth all the way
+# channels widen, along an entirely smooth path
 OF_CHANNELS = replace(BY_ITSELF, steepest=8.0)
 
 
@@ -473,18 +472,18 @@ Solved = tuple[Sequence[Curve], Sequence[PathSamples]]
 
 @dataclass(frozen=True)
 class Trained:
-    """The fit of some outputs, and how it does at runs left out.
+    """The fit of some outputs, and its errors at held-out runs.
 
     Parameters
     ----------
     terms : Terms
-        Both meshes' together.
+        Terms of both meshes together.
     points : array, shape (n, 13)
-        Where it was judged.
+        Coordinates of the errors.
     left_out : array, shape (n, n_outputs)
-        Relative errors of runs left out.
+        Relative errors of held-out runs.
     worst : array, shape (n_fine, n_outputs)
-        Largest error of each fine run left out, over its largest value [–].
+        Largest error of each held-out fine run, over its largest value [–].
     """
 
     terms: Terms
@@ -498,7 +497,7 @@ def _cut_short(*samples: PathSamples) -> int:
 
 
 def _of_outputs(terms: FitTerms) -> int:
-    """Return how many of the plans are of ``OUTPUTS``, which come before ``MEASURES``."""
+    """Return the number of plans of ``OUTPUTS``, which come before ``MEASURES``."""
     return sum(max(plan.outputs) < len(OUTPUTS) for plan in terms.plans)
 
 
@@ -510,18 +509,18 @@ def learned(
     *,
     between: bool = False,
 ) -> dict[Curve, Observed]:
-    """Return what the runs of a mesh say, those that say anything; see `regression.observe`.
+    """Return the usable data of the runs of a mesh; see `regression.observe`.
 
     Raises
     ------
     BayesdegError
-        If none does.
+        If no run is usable.
     """
     found = _observed(*runs, span=span, length=length, steepest=steepest, between=between)
     if not found:
         raise BayesdegError(
-            "no curve of a mesh has enough equilibria to learn from: the study hardly bends its "
-            "actuator, or all its curves balloon at once; check pressures and priors"
+            "no curve of a mesh has enough equilibria for training: the study hardly bends its "
+            "actuator, or all its curves balloon immediately; check pressures and priors"
         )
     return found
 
@@ -539,12 +538,12 @@ def train(
     ground: Surrogate | None = None,
     units: Units = ONE,
 ) -> Surrogate:
-    """Return a surrogate of the fine mesh.
+    """Train an emulator of the fine mesh.
 
     Parameters
     ----------
     coarse, fine : pair of sequences
-        Curves and what was solved of them on either mesh; the fine curves are among the coarse.
+        Curves and their solutions on either mesh; the fine curves are among the coarse ones.
     span : TrainingRange
         Range of load and groups.
     length : float
@@ -552,15 +551,15 @@ def train(
     mesh_error : float
         Relative error of the fine mesh itself [–].
     record : dict
-        What the design was; accuracy is added to it.
+        Description of the design; accuracy is added to it.
     terms : FitTerms, optional
-        With which terms all is fitted; by default those of the whole range.
+        Terms of the fit; by default those of the whole range.
     usual : sequence of Curve, optional
-        Curves of materials at which the error is known best; by default those of `likely`.
+        Curves of materials at which the error is most accurate; by default those of `likely`.
     ground : Surrogate, optional
-        An emulator of another actuator: what is fitted is by how much this one departs from it.
+        An emulator of a different actuator: only the departure from it is fitted.
     units : Units
-        In which the span counts load and paper; curves and samples are given in units of 1.
+        Units of load and paper in the span; curves and samples are in units of 1.
     """
     coarse, fine = (counted(*runs, units) for runs in (coarse, fine))
     chosen = terms or WHOLE
@@ -613,7 +612,7 @@ def _further(
     span: TrainingRange,
     met: Floats,
 ) -> tuple[dict[Asked, FurtherTerms], dict[str, dict[str, float]]]:
-    """Fit what may be asked beside the shape, if all runs have it; return its accuracy too."""
+    """Fit outputs besides the shape, if all runs have them; return their accuracy too."""
     runs = (*many.values(), *few.values())
     if not all(np.all(np.isfinite(run.values[:, VOLUME])) for run in runs):
         return {}, {}
@@ -632,23 +631,23 @@ def with_forces(
     usual: Sequence[Curve],
     terms: FitTerms,
 ) -> Surrogate:
-    """Return an emulator that answers the blocked tip force as well.
+    """Return an emulator that also predicts the blocked tip force.
 
     Parameters
     ----------
     surrogate : Surrogate
-        Of the free actuator.
+        Emulator of the free actuator.
     coarse, fine : pair of sequences
-        Curves and what was solved of them with the tip held, on either mesh.
+        Curves and their solutions with the tip held, on either mesh.
     usual : sequence of Curve
-        At which the error is known best.
+        Curves at which the error is most accurate.
     terms : FitTerms
         The force is fitted with those of the volume.
 
     Raises
     ------
     BayesdegError
-        If no curve says anything of the force.
+        If no curve is usable for the force.
     """
     units, span = surrogate.units, surrogate.span
     many, few = (
@@ -661,7 +660,7 @@ def with_forces(
         for runs in (coarse, fine)
     )
     if not (many and few):
-        raise BayesdegError("no curve with the tip held has enough equilibria to learn from")
+        raise BayesdegError("no curve with the tip held has enough equilibria for training")
     part = _train(many, few, replace(terms.volume, outputs=(0,)), span)
     met = _material_points([counted_in(curve, units) for curve in usual])
     error = _error_of(part, met, terms)
@@ -673,23 +672,22 @@ def with_forces(
 
 
 SMALL = ("skin", "paper_mismatch", "gravity_along", "gravity_up")
-"""Causes whose whole effect is a few percent, smooth, and as large as many terms are wrong."""
+"""Causes whose whole effect is smooth and a few percent, comparable to errors of many terms."""
 _SMOOTH = Family((0, 0, 0, 0), (4, 3, 3, 2), tuple(2 * (cause.name in SMALL) for cause in CAUSES))
 _AGAIN = Prior(0.8, 0.6, 0.6, 5e-2)
 OLD, OLD_CURVES, OLD_SEED = 0.03, 256, 5
-"""Weight of what the terms said before, at how many curves of the whole range, and their seed: no
-curve was solved anew there."""
+"""Weight of the previous terms, number of curves of the whole range at which they count, and their
+seed: no curve was newly solved there."""
 
 
 def with_small_effects(
     surrogate: Surrogate, curves: Sequence[Curve], samples: Sequence[PathSamples]
 ) -> Surrogate:
-    r"""Return an emulator in which what `SMALL` causes do alone has few, smooth terms.
+    r"""Return an emulator in which single `SMALL` causes have few, smooth terms.
 
-    Among the terms of all causes theirs are off by a third of the effect and more, since errors
-    count there over half of a group's range. With h that half range, y ln of curvature or bend
-    angle as the curves' exact derivatives give it, Y all other terms, and S the terms that those of
-    the causes were,
+    Among the terms of all causes, theirs err by a third of the effect and more, since errors count
+    there over half of a group's range. With h that half range, y ln of curvature or bend angle from
+    the curves' exact derivatives, Y all other terms, and S the previous terms of these causes,
 
     .. math:: \min_a \sum h^2 \left(\partial_g y - \partial_g Y
         - \partial_g (a \cdot \varphi)\right)^2 + w^2 \sum (a \cdot \varphi - S)^2,
@@ -700,14 +698,14 @@ def with_small_effects(
     Parameters
     ----------
     surrogate : Surrogate
-        Of the fine mesh.
+        Emulator of the fine mesh.
     curves, samples : sequences
-        Curves with one cause each, and what was solved of them.
+        Curves with one cause each, and their solutions.
 
     Raises
     ------
     BayesdegError
-        If no curve says anything.
+        If no curve is usable.
     """
     span = surrogate.span
     whole = terms_below(surrogate, _ANGLES)[0]
@@ -748,7 +746,7 @@ def _slopes_of(run: Observed, orders: Indices, rest: Terms, span: TrainingRange)
 
 
 def _of_small_causes_alone(orders: Indices) -> NDArray[np.bool_]:
-    """Return which terms hold one cause, and that is one of `SMALL`, (n_terms,)."""
+    """Return which terms have a single cause, one of `SMALL`, (n_terms,)."""
     acting = orders[:, N_CHEBYSHEV:] > 0
     small = np.array([cause.name in SMALL for cause in CAUSES])
     alone: NDArray[np.bool_] = (acting.sum(axis=1) == 1) & acting[:, small].any(axis=1)
@@ -775,7 +773,7 @@ def _as_before(old: Terms, orders: Indices, span: TrainingRange) -> Equations:
 def counted(
     curves: Sequence[Curve], samples: Sequence[PathSamples], units: Units
 ) -> tuple[list[Curve], list[PathSamples]]:
-    """Return curves and what was solved of them with load and paper in other units."""
+    """Return curves and solutions with load and paper in different units."""
     size = np.ones(len(INPUTS))
     size[INPUTS.index("load")], size[INPUTS.index("paper_group")] = units.load, units.paper
     return [counted_in(curve, units) for curve in curves], [
@@ -814,7 +812,7 @@ def _observed(
     steepest: float,
     between: bool = False,
 ) -> dict[Curve, Observed]:
-    """Return what each run says, without those that say nothing."""
+    """Return the data of each usable run."""
     found = {
         curve: observe(curve, solved, span=span, length=length, steepest=steepest, between=between)
         for curve, solved in zip(curves, samples, strict=True)
@@ -830,7 +828,7 @@ def _material_points(curves: Sequence[Curve]) -> Floats:
 
 
 def terms_below(ground: Surrogate | None, plan: FitPlan) -> tuple[Terms, ...]:
-    """Return the terms of an emulator for the outputs of a plan; none without one."""
+    """Return an emulator's terms for the outputs of a plan; empty without one."""
     if ground is None:
         return ()
     table, first = ground.terms, 0
@@ -848,7 +846,7 @@ def _train(
     span: TrainingRange,
     below: tuple[Terms, ...] = (),
 ) -> Trained:
-    """Fit by how much the coarse mesh departs from what is below it, and the fine one from both."""
+    """Fit the departure of the coarse mesh from the ground, and of the fine one from both."""
 
     def coarse(run: Observed) -> Equations:
         return gap_of(run, plan.family, below, plan, span)
@@ -864,7 +862,7 @@ def _train(
     points, left_out, worst = [], [], []
     for curve, run in few.items():
         error = _without(gaps[curve], shift)
-        if curve in many:  # the coarse twin is left out too
+        if curve in many:  # hold out the coarse twin too
             change = base.without(coarse(many[curve])) - base.coefficients
             error = error - (_rows(run, base.orders, plan, span).matrix @ change.T)[: len(error)]
         worst.append(np.max(np.abs(error), axis=0))
@@ -901,14 +899,14 @@ def gap_of(
 
 
 def _without(gap: Equations, shift: Regression) -> Floats:
-    """Return the weighted errors of values of a run that is left out of a fit."""
+    """Return the weighted errors of values of a held-out run."""
     return (gap.targets - gap.matrix @ shift.without(gap).T)[: gap.n_values]
 
 
 def _accuracy(
     parts: Sequence[Trained], errors: Sequence[Terms], limit: FittedLimit
 ) -> dict[str, dict[str, float]]:
-    """Return errors at runs left out: of each curve the largest, over its largest value."""
+    """Return errors at held-out runs: the largest per curve, over its largest value."""
     covered = [
         share
         for part, error in zip(parts, errors, strict=True)
@@ -924,24 +922,24 @@ def _accuracy(
 
 __all__ = ["Finished", "Kind", "Run", "Solution", "complete", "missing"]
 
-# between looks at whether the workers can still be reached [s]
+# interval of checks whether workers are reachable [s]
 _PATIENCE = 2.0
-# of a worker alone with one run, after which that run is given up
+# deaths of a worker alone with one run, after which the run is given up
 _DEATHS = 3
 
 
 @dataclass(frozen=True)
 class Finished:
-    """What ``on_run`` is told of a run.
+    """A finished run, passed to ``on_run``.
 
     Parameters
     ----------
     run : Run
-        One that the store lacked when the campaign began.
+        A run missing from the store when the campaign began.
     solution : Solution
-        Whatever its status.
+        Its solution, of any status.
     seconds : float
-        What it took; 0 if another campaign solved it in the meantime [s].
+        Its time; 0 if another campaign solved it in the meantime [s].
     """
 
     run: Run
@@ -950,7 +948,7 @@ class Finished:
 
 
 def missing(runs: Sequence[Run], store: SolutionStore, *, timeout: float = inf) -> list[Run]:
-    """Return those of the runs that ``complete`` would solve, each once."""
+    """Return the runs that ``complete`` would solve, without duplicates."""
     return [run for run in dict.fromkeys(runs) if store.get(run, timeout=timeout) is None]
 
 
@@ -962,34 +960,34 @@ def complete(
     timeout: float = inf,
     on_run: Callable[[Finished], None] | None = None,
 ) -> list[Solution]:
-    """Return the solutions of all runs, in their order, solving only those that the store lacks.
+    """Return the solutions of all runs, in order, solving only those missing from the store.
 
-    Every solution is written as it comes, whole or not at all; so a campaign that was killed goes
-    on where it stopped, and several may share one store. A run that fails or times out is a
-    solution too: its status says so. All are solved with one thread of linear algebra, so that
-    the numbers are the same wherever they were solved.
+    Every solution is written immediately and atomically; so a killed campaign resumes where it
+    stopped, and several may share one store. A run that fails or times out is a solution too, with
+    that status. All are solved with one thread of linear algebra, so that the numbers are the same
+    wherever they were solved.
 
     Parameters
     ----------
     runs : sequence of Run
-        What is wanted.
+        The required runs.
     store : SolutionStore
-        A solution in it that is damaged is named in a warning and solved again; one that timed
-        out is tried again if more time is allowed now.
+        A damaged solution in it is named in a warning and solved again; one that timed out is
+        retried if more time is allowed now.
     executor : Executor, optional
-        Where to solve; by default here, one after another.
+        Executor; by default serial, in this process.
     timeout : float
-        Wall time that a run may take where it is solved, from its start [s].
+        Maximum wall time of a run, from its start [s].
     on_run : callable, optional
-        Called after each run that the store lacked.
+        Called after each run that was missing.
 
     Raises
     ------
     BayesdegError
-        If the store cannot be written, or if workers or scheduler are lost for good. What was
-        solved stays in the store.
+        If the store cannot be written, or if workers or scheduler are lost permanently. Existing
+        solutions stay in the store.
     RuntimeError
-        If a worker raised; it names the run. Runs that were under way are stored before.
+        If a worker raised; names the run. Runs in progress are stored before.
     """
     store.clean()
     known = {run: store.get(run, timeout=timeout) for run in dict.fromkeys(runs)}
@@ -1005,7 +1003,7 @@ def complete(
 
 @dataclass
 class _Campaign:
-    """What is left to do, and what was found."""
+    """State of a campaign: remaining runs and solutions."""
 
     store: SolutionStore
     timeout: float
@@ -1014,7 +1012,7 @@ class _Campaign:
     solutions: dict[Run, Solution] = field(default_factory=dict)
 
     def next_run(self) -> Run | None:
-        """Return the next run that nobody has solved in the meantime."""
+        """Return the next run that is still unsolved."""
         while self.queue:
             run = self.queue.popleft()
             solution = self.store.get(run, timeout=self.timeout)
@@ -1026,7 +1024,7 @@ class _Campaign:
     def finish(self, run: Run, solution: Solution, seconds: float) -> None:
         """Store a solution."""
         if not self.store.put(run, solution, seconds=seconds, timeout=self.timeout):
-            # another campaign is at work right here: go on far from it
+            # another campaign works on the same runs: continue elsewhere
             self.queue.rotate(-round(0.62 * len(self.queue)))
             solution = self.store.get(run) or solution
         self._found(Finished(run, solution, seconds))
@@ -1059,10 +1057,10 @@ def _solve_over(campaign: _Campaign, executor: Executor) -> None:
 
 @dataclass
 class _Flight:
-    """The runs that an executor was given: never many more than it has workers.
+    """The runs submitted to an executor: never many more than it has workers.
 
-    If a worker dies, all runs that its pool was given are suspect; they are tried again one at a
-    time, so that the one that kills is found.
+    If a worker dies, all runs of its pool are suspect; they are retried one at a time to find the
+    one that kills workers.
     """
 
     campaign: _Campaign
@@ -1074,7 +1072,7 @@ class _Flight:
     failure: Exception | None = None
 
     def launch(self) -> bool:
-        """Submit what there is room for; return whether anything is under way."""
+        """Submit runs up to capacity; return whether any run is in progress."""
         while self.failure is None and len(self.runs) < self._room():
             self.alone = bool(self.suspects)
             run = self.suspects.popleft() if self.suspects else self.campaign.next_run()
@@ -1084,8 +1082,8 @@ class _Flight:
                 future = self.executor.submit(solve, run, run.key(), self.campaign.timeout)
             except BrokenExecutor as fault:
                 raise BayesdegError(
-                    "a worker process died, and the executor opens no new one; what is solved so "
-                    "far stays in the store: repeat the command to go on"
+                    "a worker process died, and the executor opens no new one; solutions so far "
+                    "are stored: run the same command again to resume"
                 ) from fault
             self.runs[future] = run
         return bool(self.runs)
@@ -1093,12 +1091,12 @@ class _Flight:
     def _room(self) -> int:
         if self.suspects or (self.alone and self.runs):
             return 1
-        # a second run for each worker, so that none waits for results to be stored
+        # a second run per worker, so that none waits while results are stored
         workers = self.executor.workers if isinstance(self.executor, Supervised) else None
         return 2 * (workers or os.cpu_count() or 1)
 
     def land(self) -> None:
-        """Wait for results, store them, and see to those that did not come."""
+        """Wait for results, store them, and handle lost ones."""
         done, _ = wait(self.runs, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
         if any(_broken(future) for future in done):
             done, _ = wait(self.runs)  # a broken pool ends them all
@@ -1115,7 +1113,7 @@ class _Flight:
     def _take(self, run: Run, future: Future[tuple[Solution, float]]) -> None:
         fatal = self.executor.fatal if isinstance(self.executor, Supervised) else ()
         if future.cancelled():
-            self.failure = self.failure or BayesdegError(f"{run} was cancelled from elsewhere")
+            self.failure = self.failure or BayesdegError(f"{run} was cancelled externally")
         elif (fault := future.exception()) is None:
             self.campaign.finish(run, *future.result())
         elif isinstance(fault, fatal):
@@ -1125,7 +1123,7 @@ class _Flight:
 
     def _suspect(self, runs: list[Run]) -> None:
         warnings.warn(
-            f"a worker process died; {len(runs)} runs are tried again, one at a time", stacklevel=5
+            f"a worker process died; {len(runs)} runs are retried, one at a time", stacklevel=5
         )
         self.suspects.extend(runs)
         if len(runs) == 1:
@@ -1139,7 +1137,7 @@ def _broken(future: Future[tuple[Solution, float]]) -> bool:
 
 
 def _unexpected(run: Run, fault: BaseException) -> Exception:
-    if isinstance(fault, BayesdegError):  # says by itself what to do
+    if isinstance(fault, BayesdegError):  # already says what to do
         return fault
     error = RuntimeError(f"{run} raised {fault!r}")
     error.__cause__ = fault
@@ -1148,8 +1146,8 @@ def _unexpected(run: Run, fault: BaseException) -> Exception:
 
 def _deadly(run: Run) -> BayesdegError:
     return BayesdegError(
-        f"worker processes die whenever they solve the {run}: perhaps memory is short, then take "
-        "fewer workers or a coarser mesh; all other solutions stay in the store"
+        f"worker processes die whenever they solve the {run}: if memory is short, use fewer "
+        "workers or a coarser mesh; all other solutions stay in the store"
     )
 
 
@@ -1161,7 +1159,7 @@ ALONE = "where one study may ask"
 def runs(
     geometry: Moulded, recipe: Recipe | None = None, design: LocalDesign | None = None
 ) -> list[Run]:
-    """Return the runs that an emulator of a geometry is trained on, those of the coarse mesh first.
+    """Return the training runs of an emulator of a geometry, the coarse mesh first.
 
     Examples
     --------
@@ -1190,7 +1188,7 @@ def runs(
 def _runs_of_single_causes(
     geometry: Moulded, recipe: Recipe, design: LocalDesign | None
 ) -> list[Run]:
-    """Return the runs by which an emulator of the whole range knows what small causes do."""
+    """Return the runs that train small causes in an emulator of the whole range."""
     if design is not None or not recipe.has_further_stages:
         return []
     curves = third_stage(TrainingRange())
@@ -1216,7 +1214,7 @@ def _moved(
 
 
 def _curves(recipe: Recipe, design: LocalDesign | None) -> tuple[list[Curve], list[Curve]]:
-    """Return the curves for the coarse and the fine mesh, which are among the former."""
+    """Return the curves for the coarse and the fine mesh; the latter are among the former."""
     if design is not None:
         first, second = design.nominal
         return list(first), list(second)
@@ -1239,24 +1237,24 @@ def build(
     timeout: float = inf,
     on_run: Callable[[Finished], None] | None = None,
 ) -> Surrogate:
-    """Solve what the store lacks and train an emulator of a geometry.
+    """Solve missing runs and train an emulator of a geometry.
 
     Parameters
     ----------
     geometry : Moulded
         The actuator as moulded.
     store : SolutionStore
-        Finite element solutions; an interrupted campaign goes on from it.
+        Finite element solutions; an interrupted campaign resumes from it.
     recipe : Recipe, optional
         Meshes and numbers of curves.
     design : LocalDesign, optional
-        Curves of one study, in the place of those that the recipe spreads over the whole range.
+        Curves of one study, instead of the recipe's over the whole range.
     executor : Executor, optional
-        Where to solve.
+        Executor of the runs.
     timeout : float
         Time after which a run is given up, from its start [s].
     on_run : callable, optional
-        Called after each run that the store lacked.
+        Called after each run that was missing.
     """
     if design is None:
         refuse_whole_range(geometry)
@@ -1269,7 +1267,7 @@ def build(
         if isinstance(solution, PathSamples)
     ]
     solved = dict(pairs)
-    # sums of several threads depend on their number
+    # sums over threads depend on their number
     with threadpool_limits(1):
         if design is not None and design.only_departure:
             ready = replace(default_surrogate(), span=design.span)
@@ -1289,7 +1287,7 @@ def _train_all(
     design: LocalDesign | None,
     pairs: Sequence[tuple[Run, PathSamples]],
 ) -> Surrogate:
-    """Train on all that was solved of the actuator itself."""
+    """Train on all solutions of the nominal actuator."""
     single = set(_runs_of_single_causes(geometry, recipe, design))
     coarse, fine, *forces = (
         _split(
@@ -1320,7 +1318,7 @@ def _train_all(
 
 
 def _place_of(geometry: Moulded, design: LocalDesign | None) -> "_Place":
-    """Return where and with which terms an emulator is trained."""
+    """Return range and terms of an emulator's training."""
     if design is None:
         return {"span": TrainingRange()}
     place: _Place = {"span": design.span, "usual": design.usual, "units": design.units}
@@ -1331,7 +1329,7 @@ def _place_of(geometry: Moulded, design: LocalDesign | None) -> "_Place":
 
 
 def local_terms(geometry: Moulded) -> FitTerms:
-    """Return the terms with which an emulator of an actuator is fitted where one study lies."""
+    """Return the terms of an emulator for one study."""
     if has_ground(geometry):
         return NEAR
     return OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
@@ -1344,12 +1342,12 @@ def _with_departure(
     design: LocalDesign,
     solved: Solutions,
 ) -> Surrogate:
-    """Return an emulator that answers for other values of the uncertain dimensions as well.
+    """Return an emulator that also covers the uncertain dimensions.
 
     Raises
     ------
     BayesdegError
-        If curves with dimensions moved say too little.
+        If curves with changed dimensions are insufficient.
     """
     steepest = _place_of(geometry, design).get("terms", WHOLE).steepest
     free = _differences(surrogate, geometry, recipe, design, solved, steepest, held=False)
@@ -1361,8 +1359,8 @@ def _with_departure(
     moved = {k for found in free for k in np.flatnonzero(found.one.away)}
     if len(moved) < len(design.dimensions) or design.with_forces != bool(held):
         raise BayesdegError(
-            "curves with an uncertain dimension moved end before they say anything of it; give it "
-            "a narrower law"
+            "curves with a changed uncertain dimension end too early to be usable; give it a "
+            "narrower law"
         )
     shapes, forces = ([(one, away) for one, away, _ in part] for part in (free, held))
     ends = [(one, end) for one, _, end in free]
@@ -1375,7 +1373,7 @@ def _with_departure(
 def _pairs(
     geometry: Moulded, recipe: Recipe, design: LocalDesign, solved: Solutions, *, held: bool
 ) -> Iterator[tuple[MovedCurve, tuple[Curve, PathSamples], tuple[Curve, PathSamples]]]:
-    """Yield moved curves that were solved beside the same curves unmoved, in the design's units."""
+    """Yield moved curves paired with their unmoved twins, in the design's units."""
     runs_moved = _moved(geometry, recipe, design, held)
     for one, run in zip(design.moved, runs_moved, strict=True):
         curve = with_layer(geometry, one.curve)
@@ -1399,7 +1397,7 @@ def _differences(
     *,
     held: bool,
 ) -> list["_Departed"]:
-    """Return by how much moved curves depart, those that say anything."""
+    """Return departures of usable moved curves."""
     span, length = design.span, surrogate.length
     found = []
     for one, *both in _pairs(geometry, recipe, design, solved, held=held):
@@ -1419,7 +1417,7 @@ def _differences(
 
 
 class _Departed(NamedTuple):
-    """A moved curve, by how much it departs, and the change of ln of the load at its end."""
+    """A moved curve, its departure, and the change of ln of the load at its end."""
 
     one: MovedCurve
     away: Observed
@@ -1427,7 +1425,7 @@ class _Departed(NamedTuple):
 
 
 def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) -> dict[str, object]:
-    """Return what an emulator is trained on, as its file says."""
+    """Return the training data of an emulator, as recorded in its file."""
     alike = has_ground(geometry)
     record: dict[str, object] = {
         "design": WHOLE_RANGE if design is None else LOCAL if alike else ALONE,
@@ -1443,7 +1441,7 @@ def _record_of(geometry: Moulded, recipe: Recipe, design: LocalDesign | None) ->
 
 
 class _Place(TypedDict):
-    """What differs between an emulator of the whole range and one of a study."""
+    """Differences between an emulator of the whole range and one of a study."""
 
     span: TrainingRange
     terms: NotRequired[FitTerms]

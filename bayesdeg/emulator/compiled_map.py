@@ -1,10 +1,10 @@
-"""Exponentials of many numbers at a time, written so that the compiler takes them as vectors.
+"""Compiled evaluation of the emulator, vectorised over rows, with its own exponential.
 
-Rows go through in blocks, one row a lane. The terms of a block are contracted over material and
-causes as in `evaluation`, and at each load over the powers of φ, which leaves Chebyshev
+Rows are processed in blocks, one row per lane. The terms of a block are contracted over material
+and causes as in `evaluation`, and at each load over the powers of φ, which leaves Chebyshev
 coefficients along the load: of the outputs Y, of the derivatives of the first by load and φ, and of
-the errors' logarithms. All are summed with one table of polynomials, and what follows from them is
-written without arrays in between.
+the errors' logarithms. All are summed with one table of polynomials; what follows is written
+without temporary arrays.
 """
 
 import math
@@ -21,10 +21,10 @@ Floats = NDArray[np.float64]
 
 
 _LOG2E = 1.0 / math.log(2.0)
-_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, the first with 32 bits free
+_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, the first with 32 spare bits
 _LN2_LOW = 1.90821492927058770002e-10
 _ROUNDING = 6755399441055744.0  # 1.5 · 2⁵²: adding it leaves the nearest whole number in low bits
-_LARGEST = 700.0  # exponents that a number of 64 bits holds
+_LARGEST = 700.0  # largest exponent of a 64-bit number
 _F = tuple(1.0 / math.factorial(n) for n in range(14))
 
 
@@ -32,7 +32,7 @@ _F = tuple(1.0 / math.factorial(n) for n in range(14))
 def exponentials(values: Floats) -> None:  # pragma: no cover - compiled
     """Replace values by their exponentials, as vectors: e^x = 2^n e^r with |r| ≤ ln 2/2.
 
-    Values beyond ±700 count as these. The Taylor series to r¹³ leaves 4·10⁻¹⁸.
+    Values are clipped to ±700. The Taylor series to r¹³ has an error of 4·10⁻¹⁸.
     """
     whole = np.empty(values.size)
     bits = whole.view(np.int64)
@@ -41,7 +41,7 @@ def exponentials(values: Floats) -> None:  # pragma: no cover - compiled
         shifted = x * _LOG2E + _ROUNDING
         n = shifted - _ROUNDING
         r = (x - n * _LN2_HIGH) - n * _LN2_LOW
-        # written out: a loop here would keep the one around it from becoming vectors
+        # unrolled: an inner loop would prevent vectorisation
         total = _F[13] * r + _F[12]
         total = (((total * r + _F[11]) * r + _F[10]) * r + _F[9]) * r + _F[8]
         total = (((total * r + _F[7]) * r + _F[6]) * r + _F[5]) * r + _F[4]
@@ -60,10 +60,10 @@ Y = 3  # outputs: curvature, bend angle, peak stretch
 VALUES = 7  # curvature, angle, stretch, slope and the standard errors of the first three
 DEGREES = 180.0 / math.pi
 _FROM_LOAD = 2.0 / LARGEST_WARPED
-_SUMS = Y + 1  # series that are added up together: of the outputs, and one derivative
+_SUMS = Y + 1  # series summed together: the outputs, and one derivative
 
-# Places in the working space of a block, a number for each of its rows. It is one flat array with
-# fixed places, so that the compiler sees that they do not overlap and takes rows as vectors.
+# Offsets in the working space of a block, one number per row. It is one flat array with fixed
+# offsets, so that the compiler sees that they do not overlap and vectorises rows.
 _LOAD, _WARPED, _PHI, _KNOWN = 0, BLOCK, 2 * BLOCK, 3 * BLOCK
 _LARGEST_LOAD, _STRETCHING, _SLACK = 4 * BLOCK, 5 * BLOCK, 6 * BLOCK
 _GIVE, _OFFSET, _BENDING = 7 * BLOCK, 8 * BLOCK, 9 * BLOCK
@@ -75,20 +75,20 @@ _END = _BY_PHI + BLOCK
 
 
 class Rows(NamedTuple):
-    """What is the same along the loads of a row.
+    """Quantities constant along the loads of a row.
 
     Parameters
     ----------
     points : array, shape (11, n_rows)
         Scaled material and causes, in the order of ``ROW_AXES``.
     largest : array, shape (n_rows,)
-        p/M up to which there is an answer; below 0 where there is none at all.
+        p/M up to which the map is defined; below 0 where it is nowhere defined.
     stretching : array, shape (n_rows,)
         e^W.
     slack, give : array, shape (n_rows,)
-        Strain s within which the paper is slack, and its strain over the load e/q.
+        Slack strain s of the paper, and its strain over the load e/q.
     offset : array, shape (n_rows,)
-        b, the load that misfit and weight amount to in the peak stretch.
+        b, the load equivalent of mismatch and weight in the peak stretch.
     bending : array, shape (n_rows,)
         Curvature over bend angle, 1000/(L s) [1/m].
     """
@@ -106,18 +106,18 @@ class Rows(NamedTuple):
 def map_of_rows(
     loads: Floats, rows: Rows, terms: Plan, errors: Plan, mesh_error: float
 ) -> tuple[Floats, Flags]:  # pragma: no cover - compiled
-    """Return the outputs with their standard errors, (7, n_rows, n_columns), and where they are.
+    """Return outputs with standard errors, (7, n_rows, n_columns), and where they are defined.
 
     Parameters
     ----------
     loads : array, shape (n_rows, n_columns)
         p/M [–].
     rows : Rows
-        Of one material each.
+        Rows of one material each.
     terms, errors : Plan
-        Of Y, and of ln of the squared relative standard errors.
+        Plans of Y, and of ln of the squared relative standard errors.
     mesh_error : float
-        Relative standard error that is added to all of them.
+        Relative standard error added to all of them.
     """
     n_rows, n_columns = loads.shape
     out = np.empty((VALUES, n_rows, n_columns))
@@ -153,13 +153,13 @@ def map_of_rows(
 
 @compiled
 def _even(count: int) -> int:  # pragma: no cover - compiled
-    """Return the next even number, at least 2: orders are added up in pairs."""
+    """Return the next even number, at least 2: orders are summed in pairs."""
     return max(2, count + count % 2)
 
 
 @compiled
 def _take(work: Floats, rows: Rows, first: int, count: int) -> None:  # pragma: no cover - compiled
-    """Copy what is the same along a row to the working space of a block."""
+    """Copy row constants to the working space of a block."""
     for lane in range(count):
         row = first + lane
         work[_LARGEST_LOAD + lane], work[_STRETCHING + lane] = (
@@ -263,7 +263,7 @@ def _tabulate(polynomials: Floats, load: Floats) -> None:  # pragma: no cover - 
 def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: no cover - compiled
     """Write the sums of four series in the load, two orders at a time."""
     sums[: _SUMS * BLOCK] = 0.0
-    # a reshape costs more than the sums of an order
+    # a reshape would cost more than the sums of an order
     coefficients, table = series.reshape(-1), polynomials.reshape(-1)
     for n in range(0, len(series), 2):
         c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
@@ -281,7 +281,7 @@ def _sum_errors(
 ) -> None:  # pragma: no cover - compiled
     """Write the sums of the first three of four series in the load, two orders at a time."""
     sums[: Y * BLOCK] = 0.0
-    # a reshape costs more than the sums of an order
+    # a reshape would cost more than the sums of an order
     coefficients, table = series.reshape(-1), polynomials.reshape(-1)
     for n in range(0, len(series), 2):
         c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
@@ -294,7 +294,7 @@ def _sum_errors(
 
 @compiled
 def _finish(work: Floats, mesh_error: float) -> None:  # pragma: no cover - compiled
-    """Make the sums of a column its outputs, slope and standard errors, in their places."""
+    """Convert the sums of a column to outputs, slope and standard errors, in place."""
     exponentials(work[_OUT:_BY_LOAD])
     exponentials(work[_ERROR:_BY_PHI])
     floor = mesh_error * mesh_error

@@ -1,9 +1,9 @@
 """Coordinates in which the map is nearly a polynomial, their derivatives, and rows of inputs.
 
-Thin walls act like more pressure: the load enters as x = q e^W, with W the logarithm of how much
-a cause changes the first slope of the curve. Slack paper is felt until the pressure has stretched
-it, by about e = k q/(P + P₀), P being the paper's group: it enters as φ = s/(s + e), which is 0
-for a tight paper and 1 for one that is not felt at all.
+Thin walls act like more pressure: the load enters as x = q e^W, with W the logarithm of a cause's
+factor on the initial slope of the curve. Slack paper matters until the pressure has stretched it,
+by about e = k q/(P + P₀), P being the paper's group: it enters as φ = s/(s + e), which is 0 for a
+tight paper and 1 for one without any effect.
 """
 
 import math
@@ -35,8 +35,8 @@ MISMATCH = NAMES.index("paper_mismatch")
 ALONG, UP = NAMES.index("gravity_along"), NAMES.index("gravity_up")
 LARGEST_WARPED = 1.5  # range of x [–]
 STRAIN, GIVE = 2.9, 30.0  # k [mm] and P₀ [mm] of the paper's strain
-TAKEN_UP = 1e-3  # slack and mismatch up to which they may go together [–]
-ROOM = 1e-9  # share of a range that rounding may overstep it by
+TAKEN_UP = 1e-3  # largest slack and mismatch that may occur together [–]
+ROOM = 1e-9  # tolerance of a range for rounding, as a share of it
 SAGGING = 60.0  # strain at rest over the group of gravity [mm]
 
 # first and second order of W in the scaled causes, from first slopes of the default geometry
@@ -54,7 +54,7 @@ _SECOND = np.array([WARP.get(cause.name, (0.0, 0.0))[1] for cause in CAUSES])
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Points as polynomials take them.
+    """Points in the coordinates of the polynomials.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def scaled_material(values: Floats) -> Floats:
 def scaled_cause(name: str, value: Floats) -> tuple[Floats, Floats]:
     """Return a cause's group scaled to at most 1 in size and 0 if neutral, and its derivative.
 
-    The paper's thickness enters by its square, as its bending stiffness does.
+    The paper's thickness enters squared, like its bending stiffness.
     """
     group = next(cause for cause in CAUSES if cause.name == name)
     if name == "paper_thickness":
@@ -157,8 +157,8 @@ def _enter_slack(groups: Floats, points: Floats, jacobian: Floats) -> None:
 def inside(groups: Floats, span: TrainingRange) -> NDArray[np.bool_]:
     """Return whether each value of (n, 12) groups lies in its range, (n, 12).
 
-    A paper both slack and mismatched is not trained: the mismatch takes up the slack, or adds to
-    it, with a corner where it is used up. The slack then counts as out of range.
+    Paper both slack and mismatched is not trained: the mismatch consumes the slack, or adds to it,
+    with a kink where it is used up. The slack then counts as out of range.
     """
     room = ROOM * _WIDTH
     within: NDArray[np.bool_] = (groups >= span.lower - room) & (groups <= span.upper + room)
@@ -181,11 +181,11 @@ class Batch:
     Parameters
     ----------
     shape : tuple of int
-        To which the inputs broadcast.
+        Broadcast shape of the inputs.
     loads : array, shape (n_rows, n_columns)
         p/M [–].
     groups : array, shape (13, n_rows)
-        Groups in the order of ``NAMES``, neutral where the inputs are silent; the first is 0.
+        Groups in the order of ``NAMES``, neutral where not given; the first is 0.
     within : array of bool, shape (n_rows,)
         Whether all groups of a row lie in their ranges.
     scaled : array, shape (13, n_rows)
@@ -208,11 +208,11 @@ class Batch:
         Parameters
         ----------
         inputs : Inputs
-            Whose pressures run along the last axis.
+            Inputs with pressures along the last axis.
         span : TrainingRange
-            Of the emulator.
+            Range of the emulator.
         one_by_one : bool
-            Whether each point is a row in any case.
+            Whether each point is always a separate row.
         """
         given = groups_of(inputs)
         load = given.pop(LOAD)
@@ -236,7 +236,7 @@ class Batch:
         Returns
         -------
         batch : Batch
-            Rows of groups that are no numbers stay outside.
+            Batch; rows with nan groups stay outside.
         distance : array, shape (n_rows,)
             Root of the sum of squares over groups, in the widths of their whole ranges [–].
         """
@@ -258,14 +258,14 @@ class Batch:
         return replace(self, groups=groups, within=within, scaled=scaled, warp=warp), distance
 
     def largest_load(self, span: TrainingRange) -> Floats:
-        """Return the largest p/M that is trained, (n_rows,); of no meaning in rows outside."""
+        """Return the largest trained p/M, (n_rows,); meaningless in rows outside."""
         warped = LARGEST_WARPED * np.exp(-self.warp[:, 0])
         return np.minimum(warped, span.largest_load(self.scaled[_STIFFENING]))
 
     def in_range(self, span: TrainingRange) -> Flags:
         """Return whether material and load lie in the range of the batch, of ``shape``.
 
-        Where curves end earlier there is no answer all the same.
+        Curves may still end earlier.
         """
         found = self.within[:, None] & (self.loads <= self.largest_load(span)[:, None])
         return found.reshape(self.shape)
@@ -291,8 +291,8 @@ class Batch:
 
 
 def _within(groups: Floats, given: tuple[str, ...], span: TrainingRange) -> Flags:
-    """Return whether all groups of each row lie in their ranges; what is not given does."""
-    if NAMES[SLACK] in given:  # of which the mismatch has a say
+    """Return whether all given groups of each row lie in their ranges."""
+    if NAMES[SLACK] in given:  # which also depends on the mismatch
         return np.asarray(np.all(inside(groups[1:].T, span), axis=1))
     within = np.ones(groups.shape[1], dtype=bool)
     for k in (NAMES.index(name) for name in given):
@@ -303,7 +303,7 @@ def _within(groups: Floats, given: tuple[str, ...], span: TrainingRange) -> Flag
 
 
 def _scaled(groups: Floats, within: Flags, given: tuple[str, ...]) -> tuple[Floats, Floats]:
-    """Return the scaled groups and W; a cause that is not given is neutral, which is 0."""
+    """Return the scaled groups and W; a cause not given is neutral, 0."""
     scaled = np.zeros_like(groups)
     material = slice(1, 1 + N_MATERIAL)
     with np.errstate(over="ignore"):

@@ -1,4 +1,4 @@
-r"""By how much a map departs where dimensions of the actuator are not the nominal ones.
+r"""Departure of a map with changed dimensions of the actuator.
 
 With δ = (d − median)/step a dimension's distance from where the emulator was trained, every output
 of `bayesdeg.emulator.surrogate` is
@@ -6,7 +6,7 @@ of `bayesdeg.emulator.surrogate` is
 .. math:: Y(x; \delta) = Y(x) + \sum_p \delta^p A_p(x)
 
 over powers p of one dimension, and products of two. The A are smooth in the emulator's own
-coordinates x. Curves end at a load that departs likewise, by numbers.
+coordinates x. The load at which curves end departs likewise, with constant coefficients.
 """
 
 from collections.abc import Mapping
@@ -25,29 +25,29 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
-ROOM = 1e-6  # of a step, within which a value counts as in its range
+ROOM = 1e-6  # of a step: tolerance of the range
 
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """What is trained of some dimensions.
+    """Trained departure with some dimensions.
 
     Parameters
     ----------
     names : tuple of str
         The dimensions.
     ranges : array, shape (n_dimensions, 4)
-        Median, step, and the bounds within which it is trained, of each [mm].
+        Median, step, and training bounds of each [mm].
     powers : array of int, shape (n_parts, n_dimensions)
-        Of δ in each part.
+        Powers of δ in each part.
     parts : tuple of Terms
-        A of each part, one output each for those of the map.
+        A of each part, with one output per output of the map.
     error : array, shape (n_parts, n_outputs)
         Standard error of each output's Y for a δ^p of 1 [–].
     limits, limit_error : array, shape (n_parts,)
-        Of ln of the load up to which curves are smooth, and its standard error [–].
+        Change of ln of the load up to which curves are smooth, and its standard error [–].
     further : tuple of str
-        What is answered beside the shape; its outputs come last.
+        Outputs besides the shape; they come last.
     """
 
     names: tuple[str, ...]
@@ -60,7 +60,7 @@ class Departure:
     further: tuple[Asked, ...] = ()
 
     def away(self, dimensions: Mapping[str, Floats] | None, rows: tuple[int, ...]) -> Floats:
-        """Return δ of given dimensions, 0 of others, (n_dimensions, n_rows)."""
+        """Return δ of given dimensions, 0 for others, (n_dimensions, n_rows)."""
         median, step, _, _ = self.ranges.T
         given = dimensions or {}
         found = np.zeros((len(self.names), int(np.prod(rows))))
@@ -82,7 +82,7 @@ class Departure:
         return within
 
     def covers(self, name: str, low: float, high: float) -> bool:
-        """Return whether a dimension is trained from one value to another [mm]."""
+        """Return whether a dimension is trained over a range [mm]."""
         if name not in self.names:
             return False
         _, step, first, last = self.ranges[self.names.index(name)]
@@ -107,9 +107,9 @@ class Departure:
         Parameters
         ----------
         places : tuple of int
-            Of the outputs.
+            Indices of the outputs.
         batch : Batch
-            Of the inputs.
+            Batch of the inputs.
         away : array, shape (n_dimensions, n_rows)
             δ.
         warped, loads : array, shape (n_rows, n_columns)
@@ -141,7 +141,7 @@ class Departure:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Self | None:
-        """Return what ``to_arrays`` described; None where nothing of it is there."""
+        """Return a departure from ``to_arrays``; None if there is none."""
         if "dimensions" not in arrays:
             return None
         powers = np.asarray(arrays["dimensions_powers"], dtype=np.int64)
@@ -172,11 +172,11 @@ class Change:
     Parameters
     ----------
     factor : array
-        Of each output.
+        Factor of each output.
     growth : array, shape (n_rows, n_columns)
         Change of the first one's logarithm with the logarithm of the load.
     variance : array, shape (n_outputs, n_rows, 1)
-        Of the logarithm of the factors.
+        Variance of the logarithm of the factors.
     """
 
     factor: Floats

@@ -1,8 +1,8 @@
-"""How a map departs with dimensions of the actuator: which curves are solved, and their fit.
+"""Train the departure of a map with dimensions: choice of curves, and their fit.
 
-Curves of the study's own design are solved with a dimension moved and the mesh with it. What a
-moved curve has more than the same curve on the same mesh unmoved, at the same loads, hardly depends
-on the mesh; a few dozen coarse curves with their derivatives say it, and few fine ones correct it.
+Curves of the study's design are solved with a dimension changed by moving the mesh. The difference
+to the unmoved curve on the same mesh, at the same loads, hardly depends on the mesh; a few dozen
+coarse curves with derivatives determine it, and few fine ones correct it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,8 +39,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LEVELS = (1.0, 2.0, 3.0)
-"""Steps by which a dimension is moved, of one curve after another, within its range."""
-MORE_DEPARTING, MORE_DEPARTING_FINE = 4, 1  # of those that are added where a posterior lies
+"""Steps by which a dimension is moved in successive curves, within its range."""
+MORE_DEPARTING, MORE_DEPARTING_FINE = 4, 1  # of the curves added where a posterior lies
 
 _NO_CAUSE, _ONCE = len(CAUSES) * (0,), len(CAUSES) * (1,)
 BY_POWER = {
@@ -50,33 +50,33 @@ BY_POWER = {
 }
 """Terms of a power of a dimension."""
 OF_PAIRS = Family((3, 1, 1, 1), (0, 0, 0, 0), _NO_CAUSE)
-OF_FINE = Family((1, 0, 0, 0), (0, 0, 0, 0), _NO_CAUSE)  # by what the fine mesh differs
+OF_FINE = Family((1, 0, 0, 0), (0, 0, 0, 0), _NO_CAUSE)  # terms of the fine mesh's difference
 PRIOR = Prior(0.7, 0.5, 0.4, 3e-3)
-A_POWER = 0.4  # factor by which coefficients are expected to fall with each power
-INSIDE = 0.9  # share of errors left out that lies within the 90 % interval of a normal law
-LEAST_ERROR = 1e-4  # a step: rounding of the paths of two curves
-LEAST_END = 0.01  # standard error of ln(limit) a step
-UNSURE_END = 0.25  # the same, over the change itself: most ends are inferred from before them
+A_POWER = 0.4  # expected decay of coefficients per power
+INSIDE = 0.9  # share of held-out errors within the 90 % interval of a normal law
+LEAST_ERROR = 1e-4  # per step: rounding of the paths of two curves
+LEAST_END = 0.01  # standard error of ln(limit) per step
+UNSURE_END = 0.25  # the same, relative to the change: most ends are extrapolated
 
 _WEIBULL = tuple(len(OUTPUTS) + k for k in range(len(WEIBULL_MODULI)))
 _EQUIVALENT = tuple(len(OUTPUTS) + k for k in range(len(WEIBULL_MODULI), len(MEASURES)))
 VOLUME = len(OUTPUTS) + len(MEASURES)
 BLOCKS = (((0, 1), True), ((2,), False), (_WEIBULL, True), (_EQUIVALENT, False))
-"""Outputs that are fitted together, and whether with their derivatives."""
+"""Outputs fitted together, and whether with derivatives."""
 
 
 @dataclass(frozen=True)
 class MovedCurve:
-    """A curve that is solved with dimensions moved.
+    """A curve solved with changed dimensions.
 
     Parameters
     ----------
     curve : Curve
-        Of a design.
+        Curve of a design.
     is_fine : bool
-        On which mesh.
+        Whether it is on the fine mesh.
     away : tuple of float
-        By how many steps each uncertain dimension is moved.
+        Number of steps by which each uncertain dimension is moved.
     """
 
     curve: Curve
@@ -84,7 +84,7 @@ class MovedCurve:
     away: tuple[float, ...]
 
     def geometry(self, nominal: Moulded, dimensions: Sequence[UncertainDimension]) -> Moulded:
-        """Return the actuator that is solved."""
+        """Return the actuator of this curve."""
         return with_dimensions(
             nominal,
             {
@@ -98,7 +98,7 @@ class MovedCurve:
 def moved_curves(
     dimensions: Sequence[UncertainDimension], coarse: Sequence[Curve], fine: Sequence[Curve]
 ) -> list[MovedCurve]:
-    """Return the curves that are solved with dimensions moved, those of an actuator together.
+    """Return the curves with moved dimensions, grouped by actuator.
 
     Examples
     --------
@@ -129,10 +129,10 @@ def moved_curves(
 
 
 def departed(nominal: Observed, moved: Observed) -> Observed | None:
-    """Return by how much a moved curve departs at its loads; None if that is less than two.
+    """Return the departure of a moved curve at its loads; None if there are fewer than two.
 
-    Readings of the unmoved one in between follow from its readings, and from their derivatives by
-    the load where these are known.
+    Readings of the unmoved curve in between are interpolated from its readings, and from their load
+    derivatives where known.
     """
     low, high = nominal.load[[0, -1]]
     inside = (moved.load >= low) & (moved.load <= high)
@@ -163,7 +163,7 @@ Course = Callable[[Floats], Floats]
 
 
 def _unknown(load: Floats) -> Floats:
-    """Return no value."""
+    """Return nan."""
     return np.full((1,), np.nan)
 
 
@@ -196,7 +196,7 @@ class _Part:
 
 
 def _parts(count: int, highest: int) -> list[_Part]:
-    """Return the parts of so many dimensions."""
+    """Return the parts for a number of dimensions."""
 
     def powers(at: Mapping[int, int]) -> tuple[int, ...]:
         return tuple(at.get(k, 0) for k in range(count))
@@ -216,10 +216,10 @@ Differences = Sequence[tuple[MovedCurve, Observed]]
 
 @dataclass(frozen=True)
 class _Fitted:
-    """A fit of some outputs: coefficients of all parts, and errors of curves left out.
+    """A fit of some outputs: coefficients of all parts, and errors of held-out curves.
 
-    ``left_out`` has a row for each value: its relative error of each output; ``of`` says of which
-    difference it is, ``weight`` how much it counts.
+    ``left_out`` has a row per value: its relative error of each output; ``of`` is the index of its
+    difference, ``weight`` its weight.
     """
 
     parts: Sequence[_Part]
@@ -242,7 +242,7 @@ class _Fitted:
 
     @property
     def rms(self) -> float:
-        """Root mean square error of values left out, by their weight [–]."""
+        """Weighted root mean square error of held-out values [–]."""
         return float(np.sqrt(np.mean((self.weight[:, None] * self.left_out) ** 2)))
 
 
@@ -254,7 +254,7 @@ def _fit_block(
     derivatives: bool,
     highest: int,
 ) -> _Fitted:
-    """Fit some outputs with powers up to the highest, and leave out one curve after another."""
+    """Fit some outputs with powers up to the highest, holding out each curve in turn."""
     parts = _parts(len(found[0][0].away), highest)
     orders, scales = (np.concatenate([getattr(p, n) for p in parts]) for n in ("orders", "scales"))
     equations = [_rows(one, run, parts, outputs, span, derivatives) for one, run in found]
@@ -292,7 +292,7 @@ def _rows(
 
 
 def _without(best: Regression, runs: Sequence[Equations]) -> Iterator[Floats]:
-    """Yield the weighted errors of values of runs that are left out together."""
+    """Yield the weighted errors of values of runs held out together."""
     both = Equations(
         np.vstack([run.matrix for run in runs]), np.vstack([run.targets for run in runs]), 0
     )
@@ -303,14 +303,14 @@ def _without(best: Regression, runs: Sequence[Equations]) -> Iterator[Floats]:
 
 @dataclass(frozen=True)
 class TrainedDeparture:
-    """A departure, and how it does at curves left out.
+    """A departure, and its errors at held-out curves.
 
     Parameters
     ----------
     departure : Departure
-        What is trained.
+        The trained departure.
     facts : dict
-        For the record of the emulator.
+        Facts for the record of the emulator.
     """
 
     departure: Departure
@@ -324,20 +324,20 @@ def fit_departure(
     ends: Sequence[tuple[MovedCurve, float]],
     span: TrainingRange,
 ) -> TrainedDeparture:
-    """Fit how the outputs depart with dimensions.
+    """Fit the departure of outputs with dimensions.
 
-    The highest power is the one whose curves left out are missed least in curvature.
+    The highest power minimises held-out errors of curvature.
 
     Parameters
     ----------
     dimensions : sequence of UncertainDimension
-        In their order.
+        Dimensions in order.
     free, held : sequence of pairs
-        Moved curves and by how much they depart, of the shape and of the force at a held tip.
+        Moved curves and their departures, of the shape and of the force at a held tip.
     ends : sequence of pairs
-        Moved curves, and the change of ln of the load up to which they are smooth.
+        Moved curves, with changes of ln of the load up to which they are smooth.
     span : TrainingRange
-        Over which they are.
+        Range of the curves.
     """
     tried = {
         power: _fit_block(free, (0,), span, derivatives=True, highest=power) for power in BY_POWER
@@ -377,9 +377,9 @@ def fit_departure(
 def _errors(powers: Sequence[tuple[int, ...]], fitted: _Fitted, found: Differences) -> Floats:
     """Return standard errors for a δ^p of 1, (n_parts, n_outputs).
 
-    Nine tenths of the errors left out lie within the 90 % interval, on the mesh where they are
-    larger: the few fine curves say what the coarse ones miss. They are taken to grow with the
-    distance; those of products come on top of them.
+    Nine tenths of the held-out errors lie within the 90 % interval, on the mesh where they are
+    larger: the few fine curves show the errors of the coarse ones. Errors are assumed to grow with
+    distance; those of products are added.
     """
     count = fitted.left_out.shape[1]
     error = np.zeros((len(powers), count))
@@ -411,7 +411,7 @@ def _only(count: int, k: int) -> tuple[int, ...]:
 def _limits(
     powers: Sequence[tuple[int, ...]], ends: Sequence[tuple[MovedCurve, float]]
 ) -> tuple[Floats, Floats]:
-    """Fit the change of ln of the limit by numbers; return their standard errors too."""
+    """Fit the change of ln of the limit by constants; return their standard errors too."""
     away = np.array([one.away for one, _ in ends])
     scales = np.array([A_POWER ** (sum(p) - 1.0) for p in powers])
     matrix = np.prod(away[:, None] ** np.array(powers)[None], axis=2)
@@ -429,9 +429,9 @@ def _limits(
 def end_of(
     nominal: tuple[Curve, PathSamples], moved: tuple[Curve, PathSamples], steepest: float
 ) -> float | None:
-    """Return the change of ln of the load up to which a curve is smooth; None if it is not known.
+    """Return the change of ln of the load up to which a curve is smooth; None if unknown.
 
-    Of a curve that was smooth to its end a lower bound is known alone.
+    For a curve smooth to its end only a lower bound is known.
     """
     first, second = (reach(*one, steepest) for one in (nominal, moved))
     if first.open or second.open or min(first.load, second.load) <= 0.0:
@@ -440,19 +440,19 @@ def end_of(
 
 
 def load_shift(nominal: Observed, away: Observed) -> float:
-    r"""Return by how much a departure is like a change of ln load, at the last load of both.
+    r"""Return the change of ln load equivalent to a departure, at the last load of both.
 
     .. math:: s = -\frac{\Delta \ln \kappa}{d \ln \kappa / d \ln q}
 
-    Where curves balloon it is this that moves their end: they end when the load that acts is that
-    of the end of the unmoved one. So it stands for the end where no curve was followed to it.
+    Where curves balloon this moves their end: they end when the effective load reaches that at the
+    end of the unmoved curve. It is used where no curve was followed to its end.
 
     Parameters
     ----------
     nominal : Observed
         The unmoved curve.
     away : Observed
-        By how much the moved one departs.
+        Departure of the moved curve.
     """
     growth = 1.0 + nominal.load * nominal.gradients[:, 0, 0]
     at = float(np.interp(away.load[-1], nominal.load, growth))
@@ -465,7 +465,7 @@ def _facts(
     further: Sequence[Asked],
     highest: int,
 ) -> dict[str, object]:
-    """Return what the record says: ranges, and of each curve left out the largest error [%]."""
+    """Return facts for the record: ranges, and the largest error of each held-out curve [%]."""
     names = [*OUTPUTS, *MEASURES, *further]
     worst = [
         (found[k][0].away, np.max(np.abs(fitted.left_out * fitted.weight[:, None])[rows], axis=0))

@@ -1,8 +1,8 @@
-"""Which curves to solve: a design, held-out curves, and where further runs tell most.
+"""Choose curves to solve: a design, held-out curves, and the most informative additional runs.
 
-The posterior variance of a linear fit depends on where runs were made and not on what they found;
-times the size of the errors that were found there it says how wrong a prediction may be. A run at
-row r lowers the variance at row j by K_rj²/(1 + K_rr), K the covariance of the predictions.
+The posterior variance of a linear fit depends on where runs were made, not on their results; times
+the squared errors found there it gives the error of a prediction. A run at row r lowers the
+variance at row j by K_rj²/(1 + K_rr), K the covariance of the predictions.
 """
 
 import json
@@ -25,7 +25,7 @@ from bayesdeg.emulator.terms import Terms, feature_gradients, features
 Floats = NDArray[np.float64]
 
 PRESSURES = tuple(float(p) for p in range(20, 241, 20))  # kPa
-ACTIVE_HELD_OUT = (0.4, 0.4, 0.2)  # how often none, one or two causes are at work
+ACTIVE_HELD_OUT = (0.4, 0.4, 0.2)  # probabilities of none, one or two active causes
 # constants at 0, 12.5 and 25 % [MPa], softening [–]: assumed about the published moduli
 LEVELS = (0.0, 12.5, 25.0)
 LOG_C1 = np.log((0.288, 0.78, 1.588))
@@ -34,18 +34,18 @@ LOG_C3 = np.log((0.003, 0.035, 0.1175))
 
 
 def study_like(count: int, *, seed: int) -> list[Curve]:
-    """Return curves of pressures 20, 40, …, 240 kPa as the sampler of a study asks for them.
+    """Return curves of pressures 20, 40, …, 240 kPa as typical in the sampler of a study.
 
     Degradation uniform from 0 to 25 %; C1 by 10 %, C3 by half, softening by 0.1 and the paper's
     stiffness by a factor of 1.6 about their usual values; α = 0.62 ± 0.05; none, one or two
-    causes at a size that is met in practice.
+    causes at practical sizes.
 
     Parameters
     ----------
     count : int
         Number of curves.
     seed : int
-        Of all draws.
+        Seed of all draws.
 
     Examples
     --------
@@ -108,22 +108,22 @@ def _effects(generator: np.random.Generator, *, weight: float) -> list[dict[str,
     ]
 
 
-# dense where the curve starts, so that the first slope is known
+# dense at the start of the curve, to determine the initial slope
 LOAD_SHARES = tuple(float(x) for x in (np.arange(1, 15) / 14.0) ** 1.3)
 
 SECOND_STAGE = Path(__file__).with_name("second_stage.json")
 CANDIDATES, CANDIDATES_SEED = 512, 12
 
-# how often none, one, two … causes are at work
+# probabilities of none, one, two … active causes
 ACTIVE = (0.2, 0.3, 0.3, 0.15, 0.05)
 GRAVITY_ALONG = 0.4  # share of the curves with gravity in which it acts along the actuator
-# below it stiff paper tightens at once, and curves are hard to follow: it is interpolated
+# below it stiff paper tightens immediately and curves are hard to follow: interpolated
 SMALLEST_SLACK = 0.01
 
 
 @dataclass(frozen=True)
 class Effects:
-    """How much of each cause a design holds: ranges of fields of ``MaterialGroups``."""
+    """Ranges of causes in a design, by fields of ``MaterialGroups``."""
 
     second_invariant_ratio: tuple[float, float] = (0.0, 1.0)
     skin: tuple[float, float] = (0.0, 1.2)
@@ -136,18 +136,18 @@ class Effects:
 
 
 def space_filling(span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
-    """Return curves over a scrambled Sobol' design, each with none to four causes at work.
+    """Return curves over a scrambled Sobol' design, each with none to four active causes.
 
     The first curves of a longer design are those of a shorter one.
 
     Parameters
     ----------
     span : TrainingRange
-        What the emulator shall cover.
+        Range of the emulator.
     count : int
         Number of curves.
     seed : int
-        Of scrambling and choice of causes.
+        Seed of scrambling and choice of causes.
 
     Examples
     --------
@@ -178,43 +178,43 @@ def space_filling(span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
 
 
 def candidates(span: TrainingRange) -> list[Curve]:
-    """Return the curves that a second stage is chosen from.
+    """Return candidate curves for the second stage.
 
-    One half fills the space, the other is as studies ask for, so that the choice is weighted by
-    what is likely. None of them is held out.
+    Half of them fill the space, half are typical of studies, so that the choice is weighted by what
+    is likely. None is held out.
     """
     filling = space_filling(span, CANDIDATES, seed=CANDIDATES_SEED)
     return [curve for curve in filling if is_answered(curve, span)] + likely(span)
 
 
 def likely(span: TrainingRange) -> list[Curve]:
-    """Return curves as studies ask for them, over which a second stage lowers the error."""
+    """Return curves typical of studies, over which a second stage lowers the error."""
     drawn = (_within(curve, span) for curve in study_like(CANDIDATES, seed=CANDIDATES_SEED))
     return [curve for curve in drawn if is_answered(curve, span)]
 
 
 def is_answered(curve: Curve, span: TrainingRange) -> bool:
-    """Return whether an emulator answers at all for the material of a curve."""
+    """Return whether an emulator covers the material of a curve."""
     return bool(np.all(inside(np.array([Place.of(curve.material).values]), span)))
 
 
 def _within(curve: Curve, span: TrainingRange) -> Curve:
-    """Return the curve with as many loads as any, up to where its own end or the range does."""
+    """Return the curve with the standard number of loads, up to its or the range's end."""
     largest = min(curve.loads[-1], span.load)
     return replace(curve, loads=tuple(largest * share for share in LOAD_SHARES))
 
 
 def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[list[Curve], ...]:
-    """Return further curves for the coarse and for the fine mesh, chosen by ``sequential``.
+    """Return additional curves for the coarse and for the fine mesh, chosen by ``sequential``.
 
     Parameters
     ----------
     span : TrainingRange
-        What the emulator shall cover.
+        Range of the emulator.
     first : list of Curve
         The first stage on the coarse mesh, for which the choice was made.
     fine : int
-        How many of these were solved on the fine mesh, the first ones.
+        Number of these solved on the fine mesh, the first ones.
     """
     chosen = json.loads(SECOND_STAGE.read_text(encoding="utf-8"))
     pool = candidates(span)
@@ -223,23 +223,23 @@ def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[li
     return coarse, [twins[index] for index in chosen["fine"]]
 
 
-# places in what `_effects` returns, in turn: weight (5), skin (1) and misfit (4), whose effects are
-# small, come more often; what they do is learned where another cause acts too
+# positions in the result of `_effects`, in turn: weight (5), skin (1) and mismatch (4), whose
+# effects are small, occur more often; they are also trained together with a second cause
 IN_TURN = (5, 1, 4, 0, 5, 6, 1, 4, 5, 0, 7, 2)
 THIRD_RUNS, THIRD_SEED = 60, 14
-SHORT = 0.3  # of the largest load, up to which every other curve goes: a small weight shows there
+SHORT = 0.3  # of the largest load, where every other curve ends: a small weight is visible there
 
 
 def third_stage(span: TrainingRange) -> list[Curve]:
-    """Return curves for the fine mesh with one cause each, at materials as studies ask for them.
+    """Return curves for the fine mesh with one cause each, at materials typical of studies.
 
-    By their exact derivatives they say what small causes do. Slack of the paper is not among them:
-    there it is the load at which it is taken up that counts.
+    Their exact derivatives determine small causes. Slack of the paper is not among them: what
+    counts there is the load at which it is taken up.
 
     Parameters
     ----------
     span : TrainingRange
-        What the emulator shall cover.
+        Range of the emulator.
 
     Examples
     --------
@@ -279,23 +279,23 @@ def _loads(span: TrainingRange, unit_stiffening: float) -> tuple[float, ...]:
 
 Indices = NDArray[np.int64]
 
-SHARES = (0.3, 0.65, 1.0)  # of a curve's largest load, where it is looked at
+SHARES = (0.3, 0.65, 1.0)  # of a curve's largest load, where it is evaluated
 
 
 @dataclass(frozen=True)
 class Question:
-    """A linear fit that further runs shall sharpen.
+    """A linear fit to be improved by additional runs.
 
     Parameters
     ----------
     orders : array, shape (n_terms, 13)
         Its terms.
     prior : Prior
-        Of its coefficients.
+        Prior of its coefficients.
     normal : array, shape (n_terms, n_terms)
         Σ AᵢᵀAᵢ of the runs so far, columns scaled by the prior.
     errors : Terms
-        ln of squared relative errors, the first output's.
+        ln of squared relative errorsof the first output.
     """
 
     orders: Indices
@@ -313,23 +313,23 @@ def most_telling(
     span: TrainingRange,
     on_pick: Callable[[int], None] = lambda index: None,
 ) -> list[int]:
-    """Return which candidates to solve, one after another, each in view of those before.
+    """Choose candidates to solve sequentially, each given those before.
 
-    A candidate is judged by the sum over its readings of what each alone would gain; once it is
-    chosen, its readings and derivatives count together.
+    A candidate is judged by the sum of the gains of its single readings; once chosen, its readings
+    and derivatives count together.
 
     Parameters
     ----------
     question : Question
-        What is fitted, and the runs so far.
+        The fit, and the runs so far.
     candidates : sequence of Curve
-        Runs that could be made.
+        Possible runs.
     count : int
-        How many shall be made.
+        Number of runs to choose.
     likely : sequence of Curve
         Draws from the prior, over which the predictive variance is averaged.
     span : TrainingRange
-        Of the emulator.
+        Range of the emulator.
     on_pick : callable, optional
         Called with the index of each.
     """
@@ -365,7 +365,7 @@ def _places(curve: Curve, span: TrainingRange) -> Coordinates:
 
 
 def _rows(place: Coordinates, orders: Indices, span: TrainingRange) -> Floats:
-    """Return what a run would add: values and derivatives."""
+    """Return the rows that a run would add: values and derivatives."""
     slopes = feature_gradients(orders, place.points)
     sizes = DERIVATIVE_WEIGHT * half_ranges(span)
     along = np.einsum("npt,npk->nkt", slopes, place.jacobian) * sizes[None, :, None]

@@ -1,6 +1,6 @@
-"""Recipes of emulators, where trained ones are kept, and roughly what training takes.
+"""Recipes of emulators, places of trained ones, and rough training times.
 
-An emulator's record says what it was trained on; to read it needs nothing compiled.
+An emulator's record says what it was trained on; reading it needs no compiled code.
 """
 
 import hashlib
@@ -31,21 +31,21 @@ FIRST_STAGE = (512, 96, 11)  # numbers of runs and seed for which the second sta
 
 @dataclass(frozen=True)
 class Recipe:
-    """What an emulator is trained on: many curves of a coarse mesh and few of a fine one.
+    """Training set of an emulator: many curves on a coarse mesh and few on a fine one.
 
     Parameters
     ----------
     coarse_mesh, fine_mesh : Resolution
-        The mesh of the many curves, and the one that the emulator stands for.
+        The mesh of the many curves, and the one that the emulator represents.
     coarse_runs, fine_runs : int
         Numbers of curves.
     seed : int
-        Of the design.
+        Seed of the design.
     further : bool
-        Whether further stages follow: a second one where the first was found least certain, and a
-        third one of single causes; they belong to the default numbers and seed alone.
+        Whether additional stages follow: a second one where the first was least certain, and a
+        third one of single causes; they exist for the default numbers and seed only.
     backend : Backend
-        What assembles the equations.
+        Assembly of the equations.
 
     Examples
     --------
@@ -65,27 +65,27 @@ class Recipe:
 
     @property
     def has_further_stages(self) -> bool:
-        """Whether further runs follow the first stage."""
+        """Whether additional stages follow the first one."""
         return self.further and (self.coarse_runs, self.fine_runs, self.seed) == FIRST_STAGE
 
 
 SHIPPED = files("bayesdeg.emulator") / "default.npz"
-# under the working directory, beside the solutions of the campaign
+# under the working directory, next to the solutions of the campaign
 CACHE = Path(".cache/emulators")
 
 
 @dataclass(frozen=True)
 class EmulatorSearch:
-    """What a search by records came to.
+    """Result of a search by records.
 
     Parameters
     ----------
     source : Traversable, optional
-        File of the emulator; None if it has to be trained.
+        File of the emulator; None if it must be trained.
     path : Path
-        Where the emulator of this geometry is kept, or goes once it is trained.
+        Place of the emulator of this geometry, existing or to be trained.
     reasons : tuple of str
-        Why the places that were looked at before have none.
+        Why earlier places have none.
     """
 
     source: Traversable | None
@@ -99,14 +99,14 @@ class EmulatorSearch:
 
 
 def other_dimensions(geometry: Moulded, record: str) -> list[str]:
-    """Return in words the dimensions of a geometry that an emulator was not trained for."""
+    """Return in words the dimensions for which an emulator was not trained."""
     facts = json.loads(record)
     trained, shape = facts.get("dimensions_mm", {}), facts.get("geometry")
     unlike = departure(geometry)
     if shape is not None and shape == json.loads(json.dumps(geometry.record())):
         return []
     if unlike or shape is not None:
-        return [unlike or "it is of another kind of actuator"]
+        return [unlike or "it is of a different kind of actuator"]
     return [
         f"{name} = {value:g} (trained: {trained.get(name, float('nan')):g})"
         for name, value in vars(geometry.dimensions).items()
@@ -115,15 +115,15 @@ def other_dimensions(geometry: Moulded, record: str) -> list[str]:
 
 
 def has_ground(geometry: Moulded) -> bool:
-    """Return whether the map of an actuator has the form of the default one's."""
+    """Return whether an actuator's map has the form of the default one's."""
     return not departure(geometry)
 
 
 def departure(geometry: Moulded) -> str:
-    """Say in what an actuator is no pneunet with paper on its bottom; empty if it is one.
+    """Say why an actuator is not a pneunet with paper on its bottom; empty if it is one.
 
-    The whole range of groups is that of such pneunets. An emulator of another actuator is trained
-    for one study, over the part that it asks for.
+    The whole range of groups is for such pneunets. An emulator of a different actuator is trained
+    for one study, over the part that it needs.
 
     Examples
     --------
@@ -140,19 +140,19 @@ def departure(geometry: Moulded) -> str:
     if not geometry.constraint.is_there:
         return "it has no constraint layer"
     height = geometry.line_height
-    return f"its constraint layer is {height:g} mm over the bottom" if height > 0.0 else ""
+    return f"its constraint layer is {height:g} mm above the bottom" if height > 0.0 else ""
 
 
-# rms deviation of the fine mesh from vanishing elements. Default pneunet: fresh and degraded, as
+# rms error of the fine mesh against convergence. Default pneunet: fresh and degraded, as
 # printed by `python benchmarks/forward.py --json` (details of error_pct). Default ribbed segment:
 # 1,118 elements are 4 % below 3,498 elements, and these 1.5 % below finer ones, see
 # `segment.sizes_about_slits`. Straight channels: `python benchmarks/channel_meshes.py --json`
 MESH_ERROR: Mapping[ActuatorKind, float] = {"pneunet": 0.0065, "ribbed": 0.05, "cylindrical": 0.04}
-LAYER_MESH_ERROR = 0.01  # of a pneunet with a layer of elastomer, by the same command
+LAYER_MESH_ERROR = 0.01  # of a pneunet with an elastomer layer, by the same command
 
 
 def mesh_error_of(geometry: Moulded) -> float:
-    """Return the relative error of an actuator's fine mesh; of a user's own the one that is stated.
+    """Return the relative error of an actuator's fine mesh; for a user's mesh the stated one.
 
     Examples
     --------
@@ -167,24 +167,24 @@ def mesh_error_of(geometry: Moulded) -> float:
 
 
 def refuse_whole_range(geometry: Moulded) -> None:
-    """Refuse an emulator of the whole range for an actuator that is no pneunet with paper.
+    """Refuse an emulator of the whole range for an actuator that is not a pneunet with paper.
 
     Raises
     ------
     BayesdegError
-        Saying why, and what to do instead.
+        Says why, and what to do instead.
     """
     reason = departure(geometry)
     if reason:
         raise BayesdegError(
-            f"no emulator of the whole range can be trained for this actuator: {reason}, and that "
-            "range is of pneunets with paper or a film on the bottom; 'bayesdeg run STUDY' trains "
-            "one where the study lies, and ExactMap of bayesdeg.actuator.curve solves without"
+            f"no emulator of the whole range can be trained for this actuator: {reason}, but that "
+            "range is for pneunets with paper or film on the bottom; 'bayesdeg run STUDY' trains "
+            "one for the study, and ExactMap of bayesdeg.actuator.curve solves without an emulator"
         )
 
 
 def outdated(record: str) -> str:
-    """Say that an emulator is of another version of the finite element model; empty if it is not.
+    """Say that an emulator is of a different version of the finite element model; empty if not.
 
     Examples
     --------
@@ -198,7 +198,7 @@ def outdated(record: str) -> str:
 
 
 def cached_path(geometry: Moulded, recipe: Recipe, cache: Path = CACHE) -> Path:
-    """Return where the emulator of a geometry is kept: named by dimensions and recipe.
+    """Return the file of an emulator, named by dimensions and recipe.
 
     Examples
     --------
@@ -208,7 +208,7 @@ def cached_path(geometry: Moulded, recipe: Recipe, cache: Path = CACHE) -> Path:
     False
     """
     trained_on = asdict(recipe)
-    if recipe.backend is Backend.KERNELS:  # names as they were before there was another
+    if recipe.backend is Backend.KERNELS:  # names from before there were other backends
         trained_on.pop("backend")
     content = json.dumps([geometry.record(), trained_on])
     content = json.dumps(json.loads(content, parse_int=float), sort_keys=True)  # 60 and 60.0
@@ -216,7 +216,7 @@ def cached_path(geometry: Moulded, recipe: Recipe, cache: Path = CACHE) -> Path:
 
 
 def read_content[T](path: Traversable, take: Callable[[bytes], T]) -> T:
-    """Return what is taken from the content of an emulator's file.
+    """Apply a reader to the content of an emulator's file.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def read_content[T](path: Traversable, take: Callable[[bytes], T]) -> T:
         return take(content)
     except OF_DAMAGED_ARCHIVES as fault:
         raise BayesdegError(
-            f"{path} is damaged, or no emulator made by 'bayesdeg emulate' ({fault}); "
+            f"{path} is damaged, or not an emulator made by 'bayesdeg emulate' ({fault}); "
             "train it again"
         ) from fault
 
@@ -245,7 +245,7 @@ def record_of(content: bytes) -> str:
 
 
 def backend_of(record: str) -> Backend:
-    """Return what assembled the equations behind an emulator.
+    """Return the backend that assembled an emulator's equations.
 
     Examples
     --------
@@ -256,12 +256,12 @@ def backend_of(record: str) -> Backend:
 
 
 def refuse_outdated(path: Traversable, record: str) -> None:
-    """Refuse an emulator of another version of the finite element model.
+    """Refuse an emulator of a different version of the finite element model.
 
     Raises
     ------
     BayesdegError
-        If it is of another.
+        If the version differs.
     """
     old = outdated(record)
     if old:
@@ -269,7 +269,7 @@ def refuse_outdated(path: Traversable, record: str) -> None:
 
 
 def refuse_other(geometry: Moulded, record: str) -> None:
-    """Refuse an emulator of another geometry.
+    """Refuse an emulator of a different geometry.
 
     Raises
     ------
@@ -279,8 +279,8 @@ def refuse_other(geometry: Moulded, record: str) -> None:
     changed = other_dimensions(geometry, record)
     if changed:
         raise BayesdegError(
-            f"the emulator is of another geometry: {', '.join(changed)}; train one with "
-            "'bayesdeg emulate STUDY --out FILE' and give it to 'bayesdeg run' with --emulator FILE"
+            f"the emulator is of a different geometry: {', '.join(changed)}; train one with "
+            "'bayesdeg emulate STUDY --out FILE' and pass it to 'bayesdeg run' with --emulator FILE"
         )
 
 
@@ -294,23 +294,23 @@ def search(
     geometry : Moulded
         The actuator of the study.
     recipe : Recipe, optional
-        What it shall be trained on; the package's is of the default recipe.
+        Its required training set; the package's has the default recipe.
     cache : Path
         Folder of emulators of other geometries.
     """
     recipe = recipe or Recipe()
     path = cached_path(geometry, recipe, cache)
     unlike = departure(geometry)
-    if unlike:  # those that were trained are of one study each
+    if unlike:  # trained ones are for one study each
         return EmulatorSearch(None, path, (f"the package has no emulator of it: {unlike}",))
     reasons = []
-    if recipe == Recipe():  # not if another backend is to assemble
+    if recipe == Recipe():  # not with a different backend
         record = read_content(SHIPPED, record_of)
         changed, old = other_dimensions(geometry, record), outdated(record)
         if not changed and not old:
             return EmulatorSearch(SHIPPED, path)
         reasons.append(
-            f"the package's emulator is of another geometry: {', '.join(changed)}"
+            f"the package's emulator is of a different geometry: {', '.join(changed)}"
             if changed
             else f"the package's emulator {old}"
         )
@@ -325,20 +325,20 @@ def search(
     return EmulatorSearch(None, path, tuple(reasons))
 
 
-FIT_VERSION = "4"  # raised where curves give another emulator than before: then it is fitted anew
+FIT_VERSION = "4"  # raised when the same curves give a different emulator: it is then refitted
 COARSE_RUNS, FINE_RUNS = 24, 4
-"""Curves of an emulator that is trained where one study lies, on either mesh."""
+"""Number of curves of an emulator for one study, on either mesh."""
 DEPARTING, DEPARTING_FINE = 12, 1
-"""Those of them that are solved with each uncertain dimension moved either way, on either mesh. Of
-a roof of 2 ± 0.2 mm eight coarse curves instead of twelve miss three times as much of those left
-out, and a second fine one changes nothing."""
+"""Number of them solved with each uncertain dimension moved either way, on either mesh. For a
+roof of 2 ± 0.2 mm eight coarse curves instead of twelve triple the held-out error, and a second fine one
+changes nothing."""
 PAIRED = 6
-"""Those that are solved with two dimensions moved by a step together, of each pair."""
-# what a curve of the default geometry takes on one core (studies/scaling.md) [s]
+"""Number of them solved with two dimensions moved by a step together, per pair."""
+# time of a curve of the default geometry on one core (studies/scaling.md) [s]
 COARSE_SECONDS, FINE_SECONDS = 3.3, 27.0
 FITTING_SECONDS = 10.0
-# of the default pneunet, as `Moulded.mesh_like` takes them: a default ribbed segment then has 684
-# and 1,118 elements, and its slits one along and in the depth
+# of the default pneunet, as for `Moulded.mesh_like`: a default ribbed segment then has 684 and
+# 1,118 elements, and its slits one along and in the depth
 SLIT_COARSE = Resolution(along=2.0, across=1.25, up=5.0)
 SLIT_FINE = Resolution(along=2.0, across=0.92, up=1.79)
 # of straight channels: two elements in a channel's smaller side, and three
@@ -352,16 +352,16 @@ MESHES: Mapping[ActuatorKind, tuple[Resolution, Resolution]] = {
 
 
 AT_THE_POSTERIOR = 16
-"""Fine curves with which the training of a pneunet's emulator for one study ends; more follow while
-they are too few."""
+"""Fine curves at the end of the training of a pneunet's emulator for one study; more follow if they
+are too few."""
 
 
 def local_recipe(dimensions: Mould) -> Recipe:
-    """Return the meshes and the numbers of curves of an emulator that is trained for one study.
+    """Return meshes and numbers of curves of an emulator for one study.
 
-    Elements are as large as those of the default geometry, in the ratio of the sizes of both: what
-    a mesh misses depends on its shape alone. Of a family whose slits ask for many elements, both
-    meshes are the coarsest that divide cover and slits.
+    Element sizes scale with the size of the actuator: the error of a mesh depends only on its
+    shape. For a family whose slits need many elements, both meshes are the coarsest that divide
+    cover and slits.
 
     Examples
     --------
@@ -369,7 +369,7 @@ def local_recipe(dimensions: Mould) -> Recipe:
     >>> round(larger.fine_mesh.along / Recipe().fine_mesh.along, 12)
     2.0
     """
-    if isinstance(dimensions, MeshDimensions):  # one mesh, that is solved twice of a few curves
+    if isinstance(dimensions, MeshDimensions):  # a single mesh, solved twice for a few curves
         return Recipe(coarse_runs=COARSE_RUNS, fine_runs=FINE_RUNS, further=False)
     shape = geometry_of(dimensions)
     coarse, fine = (shape.mesh_like(mesh) for mesh in MESHES[dimensions.kind])
@@ -384,23 +384,23 @@ def rough_seconds(
     moved: Sequence[UncertainDimension] = (),
     alone: bool = False,
 ) -> float:
-    """Return roughly how long it takes to train an emulator for a study [s].
+    """Return the approximate time to train an emulator for a study [s].
 
-    The time of a curve is taken as proportional to the number of elements, which it exceeds for
-    meshes that are wider or higher; the campaign itself measures it.
+    The time of a curve is assumed proportional to the number of elements; it is longer for wider or
+    higher meshes. The campaign itself measures it.
 
     Parameters
     ----------
     dimensions : Mould
-        Of the actuator.
+        Dimensions of the actuator.
     constraint : Constraint, optional
         By default paper.
     workers : int
-        Processes, each with a core of its own.
+        Processes, each on its own core.
     moved : sequence of UncertainDimension
-        Dimensions that are priors, with which curves are solved as well.
+        Uncertain dimensions, for which additional curves are solved.
     alone : bool
-        Whether there is an emulator of the actuator itself already.
+        Whether an emulator of the nominal actuator exists already.
 
     Examples
     --------
@@ -427,18 +427,18 @@ def _elements(shape: Moulded, mesh: Resolution) -> int:
     mould = shape.dimensions
     if isinstance(mould, MeshDimensions):
         return len(read_part(Path(mould.path)).cells)
-    if mould.kind != "pneunet":  # planes of the channels divide it more than the size does
+    if mould.kind != "pneunet":  # channel planes divide it more than element size does
         sizes = (mesh.along, mesh.across, mesh.up)
         planes = zip(shape.planes(), sizes, strict=True)
         return prod(int(np.ceil(np.diff(axis) / size).sum()) for axis, size in planes)
-    # between the planes of slots there is air, so that the outer sizes say more
+    # there is air between the planes of slots, so outer sizes are a better measure
     along, across = ceil(mould.length / mesh.along), ceil(mould.width / 2.0 / mesh.across)
     layer = ceil(shape.constraint.thickness / mesh.up) if shape.constraint.is_slab else 0
     return along * across * (ceil(mould.height / mesh.up) + layer)
 
 
 def duration(seconds: float) -> str:
-    """Word a time to come in minutes.
+    """Word an expected time in minutes.
 
     Examples
     --------

@@ -1,10 +1,10 @@
-"""An emulator for one study: trained where its films, priors and conditions say its inputs lie.
+"""An emulator for one study: trained where its films, priors and conditions place the inputs.
 
-The emulator that ships is of another actuator. The map of a pneunet with paper on its bottom has
-the same form: what is fitted is by how much it departs from it, in ln of curvature, bend angle and
-strains. That is smooth, so that a few dozen curves with their derivatives say it. Of any other
-actuator the map itself is fitted, over the part that the study asks for alone, and in units of load
-and film that put this part within the ranges of the groups.
+The shipped emulator is of a different actuator. The map of a pneunet with paper on its bottom has
+the same form, so only the departure from it is fitted, in ln of curvature, bend angle and strains.
+The departure is smooth, so a few dozen curves with derivatives determine it. For any other actuator
+the map itself is fitted, over the part that the study needs, and in units of load and film that put
+this part within the ranges of the groups.
 """
 
 from collections.abc import Sequence
@@ -29,30 +29,30 @@ from bayesdeg.emulator.scaling import GROUPS, NAMES, ONE, Group, Place, Training
 
 Floats = NDArray[np.float64]
 
-WIDER = 0.1  # of what was drawn, on either side, and of the largest load
-TAIL = 0.005  # share of draws of a material's group, on either side, that is not gone after
-STEPS = 1000  # of a range: curves are the same ones where draws differ by rounding
+WIDER = 0.1  # margin of the drawn range, on either side, and of the largest load
+TAIL = 0.005  # share of draws of a material's group ignored on either side
+STEPS = 1000  # of a range: curves are identical when draws differ by rounding
 MORE_COARSE, MORE_FINE, ROUNDS = 8, 3, 2
-"""Curves that are added where the posterior lies, and how often."""
+"""Number of curves added where the posterior lies, and maximum number of rounds."""
 TARGET_PCT = 0.15
-"""Standard error of curvature where the posterior lies that is small against that of readings [%]:
+"""Standard error of curvature where the posterior lies that is small relative to readings [%]:
 nineteen in twenty errors are then below 0.3 %."""
 REFINABLE_PCT = 1.0
-"""The same where curves of the fine mesh alone, at the posterior, correct the emulator last [%]: it
-need then only lead there."""
-TARGET_OUTSIDE = 0.02  # share of the posterior that may lie outside the range: one draw of sixty
+"""The same when fine curves at the posterior finally refine the emulator [%]: it then only needs to
+lead there."""
+TARGET_OUTSIDE = 0.02  # share of the posterior allowed outside the range: one draw of sixty
 _STIFFENING = NAMES.index("log_stiffening")
 _PAPER = [group.name for group in GROUPS].index("log_paper")
 
 
 @dataclass(frozen=True)
 class AskedInputs:
-    """Where the inputs of a study lie: draws of what its models may ask of a forward map.
+    """Draws of the inputs that a study's models may need.
 
     Parameters
     ----------
     groups : array, shape (n, 12)
-        In the order of ``GROUPS``.
+        Groups in the order of ``GROUPS``.
     load : array, shape (n,)
         Largest p/M of each [–].
     """
@@ -62,12 +62,12 @@ class AskedInputs:
 
     @classmethod
     def joined(cls, parts: Sequence["AskedInputs"]) -> "AskedInputs":
-        """Return all draws together."""
+        """Concatenate all draws."""
         groups = np.vstack([part.groups for part in parts])
         return cls(groups, np.concatenate([part.load for part in parts]))
 
     def in_units(self, units: Units) -> "AskedInputs":
-        """Return the draws with loads and paper counted in other units.
+        """Return the draws with loads and paper in different units.
 
         Examples
         --------
@@ -82,27 +82,27 @@ class AskedInputs:
 
 @dataclass(frozen=True)
 class LocalDesign:
-    """Which curves are solved for one study, and over which range its emulator answers.
+    """Curves for one study, and the range of its emulator.
 
     Parameters
     ----------
     span : TrainingRange
         Part of the whole range.
     coarse, fine : tuple of Curve
-        For either mesh; the fine ones are among the coarse.
+        Curves for either mesh; the fine ones are among the coarse.
     usual : tuple of Curve
-        Those of the coarse ones at which the error is to be known best.
+        Coarse curves at which the error must be most accurate.
     units : Units
-        In which the range counts load and paper; the curves do not.
+        Units of load and paper in the range, not in the curves.
     with_forces : bool
-        Whether the same curves are solved with the tip held as well.
+        Whether the same curves are also solved with the tip held.
     dimensions : tuple of UncertainDimension
-        With which curves are moved.
+        Dimensions that are moved.
     departing, departing_fine : tuple of Curve
-        Those of the curves that are, on either mesh.
+        Curves with moved dimensions, on either mesh.
     only_departure : bool
-        Whether there is an emulator of the actuator already, that of the whole range: only the
-        departing curves are solved.
+        Whether the emulator of the whole range exists already, so that only the departing curves
+        are solved.
     """
 
     span: TrainingRange
@@ -118,25 +118,25 @@ class LocalDesign:
 
     @property
     def nominal(self) -> tuple[tuple[Curve, ...], tuple[Curve, ...]]:
-        """The curves that are solved of the actuator itself, on either mesh."""
+        """The curves of the nominal actuator, on either mesh."""
         if self.only_departure:
             return self.departing, self.departing_fine
         return self.coarse, self.fine
 
     @property
     def moved(self) -> list[MovedCurve]:
-        """The curves that are solved with dimensions moved."""
+        """The curves with moved dimensions."""
         return moved_curves(self.dimensions, self.departing, self.departing_fine)
 
     def departing_with(
         self, dimensions: tuple[UncertainDimension, ...], *, alone: bool
     ) -> "LocalDesign":
-        """Return the design with some of its curves solved with dimensions moved.
+        """Return the design with some curves solved with moved dimensions.
 
         Parameters
         ----------
         dimensions : tuple of UncertainDimension
-            Those of the study; without any the design stays as it is.
+            Dimensions of the study; without any the design is unchanged.
         alone : bool
             Whether no other curves are needed.
         """
@@ -151,14 +151,14 @@ class LocalDesign:
         )
 
     def further(self, asked: AskedInputs, recipe: Recipe) -> "LocalDesign":
-        """Return the design with curves where a study asks now, over a range that holds both.
+        """Return the design with added curves at new draws, over a range that covers both.
 
         Parameters
         ----------
         asked : AskedInputs
-            Draws, of a posterior.
+            Draws of a posterior.
         recipe : Recipe
-            How many curves are added; its seed chooses them.
+            Number of added curves, and the seed that chooses them.
         """
         counted = asked.in_units(self.units)
         span = _spanning(self.span, span_of(counted))
@@ -179,7 +179,7 @@ def local_design(
     recipe: Recipe,
     units: Units = ONE,
 ) -> LocalDesign:
-    """Return a design for what a study may ask; a larger one begins with a smaller one's curves."""
+    """Return a design for a study; a larger one begins with the curves of a smaller one."""
     counted = asked.in_units(units)
     span = span_of(counted)
     curves = _curves(counted, span, recipe, units)
@@ -194,7 +194,7 @@ def _curves(
 
 
 def counted_in(curve: Curve, units: Units) -> Curve:
-    """Return a curve with load and paper counted in other units.
+    """Return a curve with load and paper in different units.
 
     Examples
     --------
@@ -210,17 +210,17 @@ def counted_in(curve: Curve, units: Units) -> Curve:
 
 
 def units_for(geometry: Moulded, asked: AskedInputs) -> Units:
-    """Return units in which all that a study asks of an actuator lies within the known ranges.
+    """Return units in which all inputs of a study lie within the known ranges.
 
-    They are powers of two, so that studies that ask alike have the same, and nothing is rounded.
-    Those of a pneunet with paper on its bottom are 1.
+    They are powers of two, so that similar studies share them, and nothing is rounded. For a
+    pneunet with paper on its bottom they are 1.
 
     Parameters
     ----------
     geometry : Moulded
         The actuator.
     asked : AskedInputs
-        Draws of what is asked, in units of 1.
+        Draws of the inputs, in units of 1.
     """
     if has_ground(geometry):
         return ONE
@@ -235,7 +235,7 @@ def units_for(geometry: Moulded, asked: AskedInputs) -> Units:
 
 
 def layer_units(geometry: Moulded) -> Units:
-    """Return units of 1, in which the group of the paper is that of whatever layer there is.
+    """Return units of 1, with the paper's group being that of the actual layer.
 
     Examples
     --------
@@ -254,13 +254,13 @@ def layer_units(geometry: Moulded) -> Units:
 
 
 def span_share(asked: AskedInputs, wider: float = WIDER) -> float:
-    """Return the largest load that is gone after, over the largest that is known [–]."""
+    """Return the largest load to be trained, over the largest known one [–]."""
     largest = TrainingRange().largest_load(_unit_stiffening(asked.groups))
     return (1.0 + wider) * float(np.quantile(asked.load / largest, 1.0 - 2.0 * TAIL))
 
 
 def _spanning(one: TrainingRange, other: TrainingRange) -> TrainingRange:
-    """Return the smallest range that holds two."""
+    """Return the smallest range that covers two."""
     groups = tuple(
         replace(a, low=min(a.low, b.low), high=max(a.high, b.high))
         for a, b in zip(one.groups, other.groups, strict=True)
@@ -269,7 +269,7 @@ def _spanning(one: TrainingRange, other: TrainingRange) -> TrainingRange:
 
 
 def covers(span: TrainingRange, wanted: TrainingRange) -> bool:
-    """Return whether an emulator of a range answers over all of another one.
+    """Return whether the range of an emulator covers a second range.
 
     Examples
     --------
@@ -282,18 +282,18 @@ def covers(span: TrainingRange, wanted: TrainingRange) -> bool:
 
 
 def span_of(asked: AskedInputs, *, wider: float = WIDER) -> TrainingRange:
-    """Return the range over which an emulator answers all that was drawn, if any can.
+    """Return the range over which an emulator covers all draws, if possible.
 
-    A group that no draw moved stays at its neutral value; all others have the range of the draws
-    that moved them but for their tails, widened, within what the emulator that ships was trained
-    on. The largest load is widened alike.
+    A group that no draw moves stays at its neutral value; all others get the range of the draws
+    that move them, without tails, widened, within the training range of the shipped emulator. The
+    largest load is widened likewise.
 
     Parameters
     ----------
     asked : AskedInputs
         Draws.
     wider : float
-        Room on either side, in the width of the draws' range [–].
+        Margin on either side, relative to the width of the draws' range [–].
     """
     whole = TrainingRange()
     groups = tuple(_range(g, v, wider) for g, v in zip(GROUPS, asked.groups.T, strict=True))
@@ -305,7 +305,7 @@ def _range(group: Group, values: Floats, wider: float) -> Group:
     moved = values[values != group.neutral]
     if len(moved) == 0:
         return replace(group, low=group.neutral, high=group.neutral)
-    if group.is_cause:  # few sets of causes move it, and none far
+    if group.is_cause:  # few sets of causes move it, and none by much
         ends = np.array([min(moved.min(), group.neutral), max(moved.max(), group.neutral)])
     else:
         ends = np.quantile(moved, [TAIL, 1.0 - TAIL])
@@ -320,18 +320,18 @@ def _unit_stiffening(groups: Floats) -> Floats:
 
 
 def curves_of(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
-    """Return curves at draws that are chosen at random; the first of many are those of few.
+    """Return curves at random draws; the first ones do not depend on their number.
 
     Parameters
     ----------
     asked : AskedInputs
         Draws.
     span : TrainingRange
-        Of the emulator; draws outside are put on its ends.
+        Range of the emulator; draws outside are clipped.
     count : int
         Number of curves.
     seed : int
-        Of the choice.
+        Seed of the choice.
 
     Examples
     --------
@@ -349,25 +349,25 @@ def curves_of(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int)
 
 
 def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
-    """Return curves at draws that are spread along the direction in which draws differ most.
+    """Return curves at draws spread along the direction of largest variation.
 
-    That is where degradation leads. Along it draws are parted into as many shares as there are
-    curves, of equal sums of their largest loads, and one is chosen of each in proportion to its
-    own: what bends far is what an emulator knows least (errors of curves left out were 0.01 to
-    0.1 %, and grow with the load). Every second curve ends earlier, at a share of its load that
-    differs from curve to curve: a path stops at few loads, which are much the same ones from one
-    curve to the next but for its last, and between them an emulator's error is wavy.
+    That is the direction of degradation. Along it, draws are divided into as many shares as curves,
+    of equal sums of their largest loads, and one is chosen from each with probability proportional
+    to its load: large bending is known least (errors of held-out curves were 0.01 to 0.1 %, and
+    grow with the load). Every second curve ends earlier, at a share of its load that varies: a path
+    stops at few loads, nearly the same in every curve except its last, and an emulator's error
+    oscillates between them.
 
     Parameters
     ----------
     asked : AskedInputs
         Draws.
     span : TrainingRange
-        Of the emulator; draws outside are put on its ends.
+        Range of the emulator; draws outside are clipped.
     count : int
         Number of curves.
     seed : int
-        Of the choice.
+        Seed of the choice.
     """
     groups, generator = asked.groups, np.random.default_rng(seed)
     width = groups.std(axis=0)
@@ -378,7 +378,7 @@ def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: i
     at = (np.arange(count) + generator.uniform(size=count)) / count
     chosen = order[np.searchsorted(below / below[-1], at)]
     places, loads = _inside(AskedInputs(groups[chosen], asked.load[chosen]), span)
-    # shares by the golden ratio leave no gap, however many there are
+    # shares by the golden ratio leave no gaps for any number
     begun, number = generator.uniform(), np.arange(count)
     short = SHORTEST + (1.0 - SHORTEST) * ((begun + GOLDEN * number) % 1.0)
     loads = loads * np.where(number % 2 == 0, 1.0, short)
@@ -386,15 +386,15 @@ def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: i
 
 
 MANY_SHARES = tuple((np.arange(1, 41) / 40.0).tolist())
-"""Of the largest load, at which a curve is read between its few equilibria: quantiles have kinks.
+"""Shares of the largest load at which a curve is read between its equilibria: quantiles have kinks.
 
-With twenty a stretch was met within 0.50 %, with sixty within 0.43."""
-SHORTEST = 0.06  # share of the largest load: below it curves are as their slope at rest says
+With twenty the error of a stretch was 0.50 %, with sixty 0.43 %."""
+SHORTEST = 0.06  # share of the largest load: below it curves follow their initial slope
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 def _inside(asked: AskedInputs, span: TrainingRange) -> tuple[Floats, Floats]:
-    """Return the draws put into the range where they lie outside, and the loads to solve up to."""
+    """Return draws clipped to the range, and the loads to solve up to."""
     width = span.upper - span.lower
     unit = (np.clip(asked.groups, span.lower, span.upper) - span.lower) / np.where(width, width, 1)
     places = span.lower + width * np.round(STEPS * unit) / STEPS

@@ -1,25 +1,24 @@
-r"""An emulator corrected by some curves of its own mesh, solved where a posterior lies.
+r"""Refine an emulator by curves of its own mesh, solved where a posterior lies.
 
-What ln of curvature, bend angle and strains of the finite elements are more than those of the
-emulator is fitted to the curves' values, and where a reading is smooth to its exact derivatives, by
-polynomials whose coefficients are expected to be small; quantiles to what is read between the
-curves' equilibria too,
+The difference between finite elements and emulator in ln of curvature, bend angle and strains is
+fitted to the curves' values, and for smooth readings also to exact derivatives, by polynomials with
+small expected coefficients; quantiles also to readings between the curves' equilibria,
 
 .. math:: y(x) = Y(x) + a \cdot \varphi(x), \qquad
     a \sim N(0, N^{-1}), \quad N = S^{-2} + \sigma^{-2} A^T A
     + \frac{1}{m} \sum_{j=1}^m e_j^{-2} \varphi_j \varphi_j^T,
 
 with A the rows of all curves, S prior standard deviations, and e the emulator's own error at m
-places where else it is asked for, which weigh as one: its errors are alike from place to place.
+other places where it is used, which weigh as one: its errors are correlated from place to place.
 With the curves' rows alone, :math:`N_A = S^{-2} + \sigma^{-2} A^T A`, the stated standard error is
 
 .. math:: s^2 = \varphi N_A^{-1} \varphi + \rho^2 e^2, \qquad
     \rho^2 = \varphi N_A^{-1} \varphi / \varphi S^2 \varphi,
 
-at most e: :math:`\rho` is what the curves leave of the prior. Its scale is that of the errors at
-curves left out.
+at most e: :math:`\rho` is the share of the prior left by the curves. The scale is that of errors at
+held-out curves.
 
-Where curves end is corrected likewise, by a constant and its slopes in the material.
+The load at which curves end is corrected likewise, by a constant and its slopes in the material.
 """
 
 import json
@@ -71,13 +70,13 @@ Floats = NDArray[np.float64]
 
 ONCE = (1, 1, 1, 1, 1, 1, 1, 1, 1)
 _WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
-QUANTILE_WEIGHT = 0.02  # of derivatives: more helps one actuator in three and harms two
+QUANTILE_WEIGHT = 0.02  # of derivatives: more improves one actuator in three and worsens two
 _PRIOR = Prior(0.8, 0.6, 0.6, 5e-2)
 _ANGLES = FitPlan(ANGLES, True, _WAVY, _WAVY, _PRIOR, _PRIOR)
-# where the most stretched part of the volume changes place, quantiles have kinks, narrower than the
-# steps of a path: they need what is read between these, and waves as short (of a 90 mm actuator
-# orders of 12, 20, 28 and 40 leave 1.0, 0.5, 0.45 and 0.4 %, and 40 harms a 60 mm one). Their
-# derivatives are smoothed over points, and say less than those of angles
+# where the most stretched region changes place, quantiles have kinks narrower than the steps of a
+# path: they need readings in between, and equally short waves (for a 90 mm actuator orders of 12,
+# 20, 28 and 40 leave 1.0, 0.5, 0.45 and 0.4 %; 40 worsens a 60 mm one). Their derivatives are
+# smoothed over points, and carry less information than those of angles
 _KINKED = Family((28, 5, 5, 4), (4, 2, 2, 2), ONCE)
 _SLOWLY_FALLING = Prior(0.9, 0.6, 0.6, 2e-2)
 _STRETCH = FitPlan(
@@ -96,34 +95,34 @@ REFINING = (
     replace(_ANGLES, outputs=WEIBULL),
     replace(_STRETCH, outputs=EQUIVALENT),
 )
-"""Terms of the corrections: what is left of a map that was fitted already is wavy, and its waves
-are small."""
+"""Terms of the corrections: the remainder of an already fitted map is wavy, and its waves are
+small."""
 ENDS = Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (0,))
 """Terms of the correction of where curves end."""
 SHIFT = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (0,))
-"""The same where few curves are seen to end: all as one."""
+"""The same if few curves are seen to end: a single constant."""
 SHARES = (0.3, 0.6, 1.0)
-"""Of the largest load asked for, at which errors away from the posterior are looked at."""
-MOST_HELD = 600  # places at which it is held near zero: a few times as many as there are terms
-FEWEST = 4  # curves with which something can be left out
-FEWEST_ENDS = 2  # of curves seen to end, with which one can be left out
-ENDS_FOR_SLOPES = 8  # twice as many as ``ENDS`` has terms: through two ends slopes are scatter
+"""Shares of the largest load at which errors away from the posterior are evaluated."""
+MOST_HELD = 600  # places at which it is held near zero: a few times the number of terms
+FEWEST = 4  # minimum number of curves for holding out
+FEWEST_ENDS = 2  # minimum number of ended curves for holding out
+ENDS_FOR_SLOPES = 8  # twice the number of terms of ``ENDS``: slopes through two ends are scatter
 
 
 class TooFewCurvesError(BayesdegError):
-    """Most curves balloon at once, or hardly bend: nothing is there to correct an emulator by."""
+    """Most curves balloon immediately, or hardly bend: nothing to refine an emulator by."""
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """A corrected emulator, and what it would be without each of its curves.
+    """A refined emulator, and its versions without each of its curves.
 
     Parameters
     ----------
     surrogate : Surrogate
-        Corrected by all curves.
+        Refined by all curves.
     without : tuple of Surrogate
-        Corrected by all but one, of each curve.
+        Refined by all but one curve, for each curve.
     """
 
     surrogate: Surrogate
@@ -137,26 +136,26 @@ def refine(
     asked: AskedInputs,
     steepest: float = STEEPEST,
 ) -> Refinement:
-    """Correct an emulator's curvature, bend angle, strains and limit by curves of its own mesh.
+    """Refine an emulator's curvature, bend angle, strains and limit by curves of its own mesh.
 
     Parameters
     ----------
     ground : Surrogate
         The emulator.
     curves, samples : sequences
-        Curves where a posterior lies, and what was solved of them on the emulator's mesh.
+        Curves where a posterior lies, and their solutions on the emulator's mesh.
     asked : AskedInputs
-        All that is asked of the emulator, in units of 1: there its errors stay what they were
-        where the curves say nothing.
+        All inputs used, in units of 1: the emulator's errors there are kept where the curves carry
+        no information.
     steepest : float
-        Growth d ln κ / d ln p up to which curves are learned [–].
+        Growth d ln κ / d ln p up to which curves are used [–].
 
     Raises
     ------
     TooFewCurvesError
-        If fewer than ``FEWEST`` curves say anything.
+        If fewer than ``FEWEST`` curves are usable.
     """
-    with threadpool_limits(1):  # sums of several threads depend on their number
+    with threadpool_limits(1):  # sums over threads depend on their number
         solved = counted(curves, samples, ground.units)
         at_steps, all_along = (
             learned(solved, ground.span, ground.length, steepest, between=between)
@@ -164,10 +163,10 @@ def refine(
         )
         if (count := len(at_steps)) < FEWEST:
             raise TooFewCurvesError(
-                f"{count} curves say anything where the posterior lies, too few to refine by"
+                f"only {count} curves are usable where the posterior lies, too few for refinement"
             )
         elsewhere = _points_of(asked.in_units(ground.units))
-        # what says anything at its steps does so between them too
+        # runs usable at their steps are also usable in between
         known = {False: list(at_steps.values()), True: [all_along[curve] for curve in at_steps]}
         fitted = [_Correction.of(ground, known[plan.between], elsewhere, plan) for plan in REFINING]
         error, strain_error = _error_terms(ground, fitted, elsewhere)
@@ -194,16 +193,16 @@ class _Correction:
     Parameters
     ----------
     plan : FitPlan
-        Of the outputs that are corrected together.
+        Plan of outputs corrected together.
     runs : list of Observed
     best : Regression
-        By all of them, and held near zero where else the emulator is asked for.
+        Fit to all of them, held near zero elsewhere.
     alone : Regression
-        By the runs alone, which says where they say nothing.
+        Fit to the runs alone, which shows where they carry no information.
     without : list of array, shape (n_outputs, n_terms)
-        Coefficients by all but one.
+        Coefficients without one run.
     left_out : list of array, shape (n, n_outputs)
-        Relative errors of each run that is left out.
+        Relative errors of each held-out run.
     unit_errors : list of array, shape (n,)
         Standard errors there for residuals of 1.
     """
@@ -220,17 +219,17 @@ class _Correction:
     def of(
         cls, ground: Surrogate, runs: Sequence[Observed], elsewhere: Floats, plan: FitPlan
     ) -> "_Correction":
-        """Fit the correction, and leave out one run after another.
+        """Fit the correction, holding out each run in turn.
 
         Parameters
         ----------
         ground : Surrogate
         runs : sequence of Observed
         elsewhere : array, shape (n, 13)
-            Coordinates of all that is asked: there the correction is 0 within the emulator's own
+            Coordinates of all inputs used: there the correction is 0 within the emulator's own
             errors.
         plan : FitPlan
-            Which outputs, with which terms.
+            Outputs and terms.
         """
         span = ground.span
         below, orders, count = terms_below(ground, plan), plan.family.orders, len(plan.outputs)
@@ -253,7 +252,7 @@ class _Correction:
 
     @property
     def scale(self) -> Floats:
-        """Residual with which nine tenths of the errors left out lie in the 90 % interval."""
+        """Residual for which nine tenths of held-out errors lie in the 90 % interval."""
         spread = np.abs(np.vstack(self.left_out)) / np.concatenate(self.unit_errors)[:, None]
         wide = norm.ppf(0.5 * (1.0 + INSIDE))
         scale: Floats = np.quantile(spread, INSIDE, axis=0) / wide
@@ -273,10 +272,10 @@ class _Correction:
 
 
 def _held_near_zero(ground: Surrogate, points: Floats, plan: FitPlan) -> Equations:
-    """Return equations of no correction, each weighted by the rounding of paths over the error.
+    """Return equations of zero correction, each weighted by the rounding of paths over the error.
 
-    Errors of an emulator are alike from place to place, so that all together weigh as one: as many
-    that were independent would hold the correction at zero where the curves lie too.
+    An emulator's errors are correlated from place to place, so all together weigh as one: as many
+    independent ones would hold the correction at zero even at the curves.
     """
     thinned = points[:: max(1, len(points) // MOST_HELD)]
     own = stacked([_of_output(ground.error, ground.strain_error, k) for k in plan.outputs])
@@ -292,7 +291,7 @@ def _of_output(first: Terms, second: Terms, k: int) -> Terms:
 
 
 def _unit_error_without(best: Regression, gap: Equations) -> Floats:
-    """Return standard errors of the values of a run that is left out, for residuals of 1, (n,).
+    """Return standard errors of the values of a held-out run, for residuals of 1, (n,).
 
     With H = A N⁻¹ Aᵀ of the run's weighted rows, that of the others is H (I − H)⁻¹.
     """
@@ -303,7 +302,7 @@ def _unit_error_without(best: Regression, gap: Equations) -> Floats:
 
 
 def _corrected(ground: Surrogate, corrections: Sequence[tuple[_Correction, Floats]]) -> Surrogate:
-    """Return the emulator with corrections of these coefficients added to its outputs."""
+    """Return the emulator with these corrections added to its outputs."""
     parts = [
         _of_output(ground.terms, ground.strains, k) for k in range(len(OUTPUTS) + len(MEASURES))
     ]
@@ -317,9 +316,9 @@ def _corrected(ground: Surrogate, corrections: Sequence[tuple[_Correction, Float
 def _limit(
     ground: Surrogate, solved: tuple[Sequence[Curve], Sequence[PathSamples]], steepest: float
 ) -> Terms:
-    """Return where curves end, corrected if enough of them were seen to, and its standard error.
+    """Return the load at which curves end, corrected if enough are seen to end, and its error.
 
-    The error is that of the curves left out, or the emulator's own where that is larger.
+    The error is that of held-out curves, or the emulator's own if larger.
     """
     ends = [reach(curve, one, steepest) for curve, one in zip(*solved, strict=True)]
     seen = sum(end.load > 0.0 and not end.open for end in ends)
@@ -339,9 +338,8 @@ def _error_terms(
 ) -> tuple[Terms, Terms]:
     """Return ln of the squared relative errors of ``OUTPUTS`` and of ``MEASURES``.
 
-    Of the emulator's own error that share is left to which the curves narrow the terms; beside it
-    there is that of the correction. Nine tenths of the errors at curves left out lie within the
-    90 % interval.
+    The emulator's own error is reduced to the share left by the curves; that of the correction is
+    added. Nine tenths of the errors at held-out curves lie within the 90 % interval.
     """
     parts: dict[int, Terms] = {}
     for part in fitted:
@@ -380,7 +378,7 @@ def _ridge(matrix: Floats, values: Floats, weights: Floats) -> Floats:
 
 
 def _points_of(asked: AskedInputs) -> Floats:
-    """Return coordinates of what is asked, at some shares of the largest loads, (n, 13)."""
+    """Return coordinates of all inputs used, at some shares of the largest loads, (n, 13)."""
     at = [np.column_stack([share * asked.load, asked.groups]) for share in SHARES]
     points = coordinates(np.vstack(at)).points
     known: Floats = points[np.all(np.isfinite(points), axis=1)]
@@ -388,7 +386,7 @@ def _points_of(asked: AskedInputs) -> Floats:
 
 
 def _record(ground: Surrogate, fitted: Sequence[_Correction], error: Terms) -> str:
-    """Return the record of the emulator with what was solved, and how curves left out were met."""
+    """Return the emulator's record with new solutions and held-out errors."""
     record, names = json.loads(ground.record), (*OUTPUTS, *MEASURES)
     found: Mapping[str, dict[str, float]] = {
         names[k]: accuracy
@@ -400,7 +398,7 @@ def _record(ground: Surrogate, fitted: Sequence[_Correction], error: Terms) -> s
 
 
 def _accuracy(fitted: _Correction, error: Terms) -> list[dict[str, float]]:
-    """Return of each output how curves left out were met."""
+    """Return the held-out errors of each output."""
     own = Terms(error.orders, error.coefficients[list(fitted.plan.outputs)])
     shares = coverage(own, fitted.points, np.vstack(fitted.left_out))
     worst = np.array(

@@ -1,13 +1,13 @@
-"""What solved runs say of the map, and least squares over many terms.
+"""Data of solved runs, and least squares over many terms.
 
 The prior standard deviation of a coefficient falls by a factor with every order in load, material
-or cause, so that there may be more terms than the runs alone would determine. Whole runs are left
-out by the block form of the leave-one-out identity.
+or cause, so there may be more terms than the runs alone would determine. Whole runs are held out by
+the block form of the leave-one-out identity.
 
-With q = p/M, a curve's logarithm y = ln(Δκ s L/q) is known at every equilibrium that its path
-visited, together with its derivatives by load and groups; so for the bend angle and, with
-y = ln(ε/(q + q₀)), for the peak strain and all other measures of strain ε, q₀ the offset of what
-strains at rest; and, with y = ln(ΔV/(L³ q)), for the volume of the half model's cavity.
+With q = p/M, a curve's logarithm y = ln(Δκ s L/q) is known at every equilibrium of its
+path, with its derivatives by load and groups; likewise for the bend angle and, with
+y = ln(ε/(q + q₀)), for the peak strain and all other measures of strain ε, q₀ the offset due to
+strain at rest; and, with y = ln(ΔV/(L³ q)), for the volume of the half model's cavity.
 """
 
 from collections.abc import Iterable, Sequence
@@ -32,21 +32,21 @@ Flags = NDArray[np.bool_]
 
 LIMIT_MARGIN = 0.97  # share of a limit load up to which a curve is emulated
 STEEPEST = 2.75  # where d ln κ / d ln p is larger a pneunet is about to balloon
-FLOOR = 0.15  # smallest weight of a reading, over that of the curve's largest
-COUNTED = [0, 1, -1]  # outputs that are counted from rest: curvature, bend angle, volume
-QUANTILES = [2, -3, -2]  # at rest all stretches are alike: how one begins to grow is not known
-STRAINED = slice(2, -1)  # those that rest strains too, where misfit or weight act
+FLOOR = 0.15  # smallest weight of a reading, relative to the curve's largest
+COUNTED = [0, 1, -1]  # outputs relative to rest: curvature, bend angle, volume
+QUANTILES = [2, -3, -2]  # at rest all stretches are equal, so their initial growth is unknown
+STRAINED = slice(2, -1)  # those strained at rest too, where mismatch or weight act
 _VOLUME = OUTPUTS.index("cavity_volume")
 
 
 @dataclass(frozen=True)
 class Observed:
-    """One run: readings of one curve.
+    """Data of one run: readings of one curve.
 
     Parameters
     ----------
     coordinates : Coordinates
-        Of each reading.
+        Coordinates of each reading.
     load : array, shape (n,)
         p/M [–].
     values : array, shape (n, 10)
@@ -56,9 +56,9 @@ class Observed:
     weights : array, shape (n,)
         Curvature over the curve's largest, at least ``FLOOR``.
     first : array, shape (10,)
-        y at zero load, from the first slope; nan if it is not known, as of quantiles.
+        y at zero load, from the first slope; nan if unknown, as for quantiles.
     tight : bool
-        Whether the paper is without slack: derivatives by slack are then of no use.
+        Whether the paper is without slack: derivatives by slack are then not used.
     """
 
     coordinates: Coordinates
@@ -71,26 +71,26 @@ class Observed:
 
     @property
     def known(self) -> Flags:
-        """Which derivatives can be fitted, (13,)."""
+        """Mask of derivatives that can be fitted, (13,)."""
         use = np.ones(len(NAMES), dtype=bool)
         use[at.SLACK] = not self.tight
         return use
 
     @property
     def solved(self) -> Flags:
-        """Which readings are those of equilibria, with derivatives, (n,)."""
+        """Mask of readings at equilibria, with derivatives, (n,)."""
         there: Flags = np.isfinite(self.gradients).any(axis=(1, 2))
         return there
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a run went: the load up to which its curve is emulated.
+    """Reach of a run: the load up to which its curve is emulated.
 
     Parameters
     ----------
     groups : array, shape (12,)
-        Of the run.
+        Groups of the run.
     load : float
         p/M; a lower bound if ``open`` [–].
     open : bool
@@ -105,10 +105,10 @@ class Reach:
 def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Reach:
     """Return the load up to which a curve is smooth enough to emulate.
 
-    Where d ln κ / d ln q passes ``steepest`` from below, or shortly before a limit point; of a
-    curve whose end was not found, the last load that was solved is a bound. That it is large at
-    first, or that there is none, says that a curve begins with hardly any bending, or with some the
-    other way.
+    The reach ends where d ln κ / d ln q exceeds ``steepest`` from below, or shortly before a limit
+    point; for a curve without a known end, the last solved load is a bound. A large or undefined
+    value at first only means that a curve begins with hardly any bending, or with bending in the
+    opposite direction.
     """
     place = Place.of(curve.material)
     q = samples.loads / place.modulus
@@ -118,7 +118,7 @@ def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Rea
     steep = _growth(samples)
     over = ~(steep < steepest)
     if over.all() and (np.isnan(steep[0]) or steep[-1] < steep[0]):
-        over[:] = False  # still at its beginning
+        over[:] = False  # still in its initial part
     begun = int(np.argmin(over))
     if over[begun:].any():
         k = begun + int(np.argmax(over[begun:]))
@@ -153,9 +153,9 @@ def observe(
     steepest: float = STEEPEST,
     between: bool = False,
 ) -> Observed | None:
-    """Return what a run says within its reach; None if that is less than two equilibria.
+    """Return the data of a run within its reach; None if it has fewer than two equilibria.
 
-    With ``between`` it says what is read between the equilibria too, without derivatives there.
+    With ``between`` readings between the equilibria are included, without derivatives.
     """
     if len(samples.loads) < 3:
         return None
@@ -167,7 +167,7 @@ def observe(
     groups = np.column_stack([q, np.tile(place.values, (len(q), 1))])
     points = coordinates(groups)
     keep = (q <= limit * (1.0 + 1e-9)) & (points.points[:, 0] <= 1.0 + 1e-9)
-    keep &= np.interp(samples.loads[1:], solved, bends) == 1.0  # it does at both ends of a step
+    keep &= np.interp(samples.loads[1:], solved, bends) == 1.0  # it bends at both ends of a step
     if np.count_nonzero(keep) < 2:
         return None
     quantities, slopes = _quantities(samples, length)
@@ -193,7 +193,7 @@ def observe(
 
 
 def _at_zero_load(slopes: Floats, *, is_strained: bool) -> Floats:
-    """Return y at zero load from first slopes by p/M, (10,); nan where it is not known."""
+    """Return y at zero load from initial slopes by p/M, (10,); nan where unknown."""
     with np.errstate(invalid="ignore", divide="ignore"):
         first = np.log(slopes)
     first[QUANTILES] = np.nan
@@ -203,7 +203,7 @@ def _at_zero_load(slopes: Floats, *, is_strained: bool) -> Floats:
 
 
 def _with_readings_between(curve: Curve, samples: PathSamples) -> PathSamples:
-    """Return equilibria and what is read between them in the order of loads."""
+    """Return equilibria and readings between them in order of load."""
     loads = np.array(curve.loads[: len(samples.between)])
     new = ~np.isin(loads, samples.loads) & (loads < samples.loads[-1])
     missing = np.full((int(new.sum()), *samples.gradients.shape[1:]), np.nan)
@@ -219,11 +219,11 @@ def _with_readings_between(curve: Curve, samples: PathSamples) -> PathSamples:
 def observe_force(
     curve: Curve, samples: PathSamples, *, span: TrainingRange, length: float
 ) -> Observed | None:
-    """Return what a run with its tip held says; None if there is no equilibrium but that at rest.
+    """Return the data of a run with held tip; None if its only equilibrium is at rest.
 
-    y = ln(ΔF/(M L² q)) of the half model, with ΔF less than at rest, under a load of q = p/M. One
-    equilibrium is enough: a stiff part goes there in one step, and how the force begins at rest,
-    and how it grows where it ends, are known too.
+    y = ln(ΔF/(M L² q)) for the half model, with ΔF relative to rest, at a load of q = p/M. One
+    equilibrium is enough: a stiff part gets there in one step, and the initial and final growth of
+    the force are known too.
     """
     if len(samples.loads) < 2:
         return None
@@ -266,7 +266,7 @@ def _quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
 
 
 def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Floats) -> Floats:
-    """Change derivatives by the model's inputs into those of y by p/M and the groups."""
+    """Convert derivatives by the model's inputs to those of y by p/M and the groups."""
     modulus = place.modulus
     out = np.empty((*logarithmic.shape[:2], len(NAMES)))
     out[..., 0] = logarithmic[..., 0] * modulus - 1.0 / denominators
@@ -277,7 +277,7 @@ def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Float
 
 
 def _offset_gradient(place: Place) -> Floats:
-    """Return derivatives by load and groups of the offset of what strains at rest, (13,)."""
+    """Return derivatives by load and groups of the offset due to strain at rest, (13,)."""
     groups = np.array([0.0, *place.values])
     out = np.zeros(len(NAMES))
     out[at.MISMATCH] = np.sign(groups[at.MISMATCH])
@@ -289,9 +289,9 @@ def _offset_gradient(place: Place) -> Floats:
 
 
 def _input_jacobian(place: Place) -> Floats:
-    """Return derivatives of the model's inputs, but for the load, by the groups: central steps.
+    """Return derivatives of the model's inputs, except the load, by the groups.
 
-    All inputs are products of powers and exponentials of the groups.
+    By central differences. All inputs are products of powers and exponentials of the groups.
     """
     values = np.array(place.values)
     out = np.empty((len(INPUTS) - 1, len(values)))
@@ -308,17 +308,17 @@ def _input_jacobian(place: Place) -> Floats:
 
 Indices = NDArray[np.int64]
 
-DERIVATIVE_WEIGHT = 0.2  # of a derivative over half of its group's range, against a value
+DERIVATIVE_WEIGHT = 0.2  # of a derivative over half of its group's range, relative to a value
 
 
 @dataclass(frozen=True)
 class Prior:
-    """How fast coefficients fall with their order.
+    """Expected decay of coefficients with their order.
 
     Parameters
     ----------
     load, material, cause : float
-        Factor an order [–].
+        Factor per order [–].
     noise : float
         Standard deviation of the residual over that of the first coefficient [–].
     """
@@ -342,7 +342,7 @@ class Prior:
 class Equations:
     """Weighted equations of one run: ``matrix @ coefficients = targets``.
 
-    The first ``n_values`` are those of the values; the others are of derivatives.
+    The first ``n_values`` are for values, the others for derivatives.
     """
 
     matrix: Floats
@@ -351,7 +351,7 @@ class Equations:
 
 
 def half_ranges(span: TrainingRange) -> Floats:
-    """Return the size of load and groups that derivatives are taken over, (13,)."""
+    """Return the ranges of load and groups over which derivatives count, (13,)."""
     causes = [max(c.high - c.neutral, c.neutral - c.low) for c in CAUSES]
     material = [0.5 * (g.high - g.low) for g in MATERIAL]
     return np.array([0.5 * span.load, *material, *causes])
@@ -368,7 +368,7 @@ def rows_of(
 ) -> Equations:
     """Return the equations of a run for some outputs, of their values and derivatives.
 
-    ``weight`` is that of a derivative over half of its group's range, against a value.
+    ``weight`` is that of a derivative over half of its group's range, relative to a value.
     """
     place, w = run.coordinates, run.weights[:, None]
     values = features(orders, place.points)
@@ -394,7 +394,7 @@ def rows_of(
 
 
 def _at_rest(run: Observed) -> Floats:
-    """Return the causes' coordinates at zero load: slack paper is then not felt at all."""
+    """Return the causes' coordinates at zero load, where slack paper has no effect."""
     causes = run.coordinates.points[0, N_CHEBYSHEV:].copy()
     slack = [c.name for c in CAUSES].index("paper_slack")
     causes[slack] = float(not run.tight)
@@ -403,7 +403,7 @@ def _at_rest(run: Observed) -> Floats:
 
 @dataclass(frozen=True)
 class Regression:
-    """A regression, with all that leaving out runs needs.
+    """A regression, with all data for holding out runs.
 
     Parameters
     ----------
@@ -420,7 +420,7 @@ class Regression:
     factor: Floats
 
     def without(self, rows: Equations) -> Floats:
-        """Return the coefficients that a fit without one run's rows would have.
+        """Return the coefficients of the fit without one run's rows.
 
         a₋ᵢ = a − N⁻¹ Aᵢᵀ (I − Hᵢ)⁻¹ eᵢ, Hᵢ = Aᵢ N⁻¹ Aᵢᵀ.
         """
@@ -434,27 +434,27 @@ class Regression:
 
 
 def fit(rows: Iterable[Equations], orders: Indices, prior: Prior, *, outputs: int) -> Regression:
-    """Return the most probable coefficients for the equations of all runs, taken one by one."""
+    """Return the most probable coefficients for the equations of all runs."""
     return fit_scaled(rows, orders, prior.scales(orders), noise=prior.noise, outputs=outputs)
 
 
 def fit_scaled(
     rows: Iterable[Equations], orders: Indices, scales: Floats, *, noise: float, outputs: int
 ) -> Regression:
-    """Return the most probable coefficients whose prior standard deviations are given.
+    """Return the most probable coefficients for given prior standard deviations.
 
     Parameters
     ----------
     rows : iterable of Equations
-        Of all runs.
+        Equations of all runs.
     orders : array, shape (n_terms, 13)
-        Of the terms.
+        Orders of the terms.
     scales : array, shape (n_terms,)
         Prior standard deviations over that of the first coefficient.
     noise : float
-        That of the residual over it.
+        Standard deviation of the residual over that of the first coefficient.
     outputs : int
-        How many there are.
+        Number of outputs.
     """
     normal = noise**2 * np.eye(len(orders))
     right = np.zeros((len(orders), outputs))

@@ -1,7 +1,7 @@
-"""Dimensionless groups: what the forward map really depends on, and the range that is trained.
+"""Dimensionless groups: what the forward map depends on, and the training range.
 
 The curvature of the actuator obeys κ s = f(p/M, C2/M, C3/M, Et/(M s), …), s the linear scale and M
-any modulus; so C1, α and every error of pressure cost the emulator no dimension. M is taken as
+any modulus; so C1, α and every error of pressure need no dimension of the emulator. M is taken as
 C1 + r/(2√3), half of the shear modulus at rest, so that a term r √I₂ changes the shape of the curve
 and not its size. The second group is replaced by the softening C2/√(3 C3 M), which is above −1 for
 every stable material; C3/M and the paper's group enter by their logarithms.
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 SECOND = 0.5 / np.sqrt(3.0)  # share of r in the modulus at rest
 NOMINAL_SCALE = 0.853
-# of an actuator without any layer, whose map does not depend on it: the middle of its range [mm]
+# for an actuator without a layer, whose map does not depend on it: mid-range [mm]
 NO_LAYER = 61.0
 NOMINAL_THICKNESS = PAPER_THICKNESS / NOMINAL_SCALE
 
@@ -34,15 +34,15 @@ class Group:
     Parameters
     ----------
     name : str
-        Of the group.
+        Name of the group.
     low, high : float
         Its range.
     neutral : float
         Value of the base model.
     unit : str
-        After lengths are divided by the linear scale.
+        Unit after division of lengths by the linear scale.
     meaning : str
-        How it follows from the inputs.
+        Definition from the inputs.
     is_cause : bool
         Whether the base model leaves it at its neutral value.
     """
@@ -68,7 +68,7 @@ CAUSES = (
     Group("second_invariant", 0.0, 0.2241, 0.0, "–", "r/(2√3 M)"),
     Group("skin", 0.0, 1.2, 0.0, "–", "ln of surface over mean stiffness"),
     Group("paper_thickness", 0.05, 0.25, NOMINAL_THICKNESS, "mm", "paper thickness over s"),
-    Group("paper_slack", 0.0, 0.05, 0.0, "–", "strain within which the paper is slack"),
+    Group("paper_slack", 0.0, 0.05, 0.0, "–", "strain up to which the paper is slack"),
     Group("paper_mismatch", -0.02, 0.03, 0.0, "–", "shrinkage after bonding"),
     Group("gravity_along", -6e-5, 6e-5, 0.0, "1/mm", "ρ g s/M along the actuator"),
     Group("gravity_up", -6e-5, 6e-5, 0.0, "1/mm", "ρ g s/M up from the paper"),
@@ -81,11 +81,11 @@ NAMES = (LOAD, *(group.name for group in GROUPS))
 
 @dataclass(frozen=True)
 class Units:
-    """In what an emulator counts p/M and Et/(M s), so that any actuator lies in the known ranges.
+    """Units of p/M and Et/(M s) of an emulator, so that any actuator lies in the known ranges.
 
-    A thick cover or a stiff film takes another actuator far out of the ranges of load and paper,
-    which are those of the default one. An emulator trained for it counts both in units of its own;
-    to the map this is a change of two scales and nothing else.
+    A thick cover or a stiff film takes an actuator far out of the ranges of load and paper, which
+    are those of the default one. An emulator trained for it has its own units for both; for the map
+    this only changes two scales.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ class Units:
     paper : float
         Unit of Et/(M s) [mm].
     layer : float, optional
-        C1 of a constraint layer of elastomer, which has the paper's place: the group is then its
-        C1 over M, whatever Et is. 0 of an actuator without any layer, whose group stays at
-        ``NO_LAYER``. None of paper or film [MPa].
+        C1 of an elastomer constraint layer, which replaces the paper: the group is then its C1 over
+        M, whatever Et is. 0 for an actuator without a layer, whose group stays at ``NO_LAYER``.
+        None for paper or film [MPa].
 
     Examples
     --------
@@ -113,7 +113,7 @@ class Units:
     layer: float | None = None
 
     def inputs(self, given: Inputs) -> Inputs:
-        """Return inputs whose groups are those of the given ones in these units."""
+        """Return inputs converted to these units."""
         if self == ONE:
             return given
         reference = given.reference_pressure
@@ -126,7 +126,7 @@ class Units:
         )
 
     def _stiffness(self, given: Inputs) -> Floats:
-        """Return the Et of which the group is made [N/m]."""
+        """Return the Et that enters the group [N/m]."""
         if self.layer is None:
             return given.paper_stiffness
         modulus = self.layer if self.layer > 0.0 else NO_LAYER * _modulus(given)
@@ -134,21 +134,21 @@ class Units:
         return stiffness
 
     def _thickness(self, given: Inputs) -> Floats | None:
-        """Return the thickness of the paper [mm]; that of another layer is of its geometry."""
+        """Return the thickness of the paper [mm]; any other layer's is part of the geometry."""
         if self.layer is None or given.paper_thickness is None:
             return given.paper_thickness
         thickness: Floats = NOMINAL_THICKNESS * np.asarray(given.linear_scale)
         return thickness
 
     def by_given(self, by: Mapping[str, Floats], counted: Inputs) -> dict[str, Floats]:
-        """Return derivatives by the fields of given inputs from those by the counted ones.
+        """Return derivatives by the fields of given inputs from those of the converted ones.
 
         Parameters
         ----------
         by : mapping of str to array
             Derivatives by fields of ``inputs(given)``.
         counted : Inputs
-            Those inputs.
+            The converted inputs.
         """
         size = {"pressure": self.load, "paper_stiffness": self.paper}
         found = {name: value / size.get(name, 1.0) for name, value in by.items()}
@@ -188,8 +188,8 @@ class TrainingRange:
     load : float
         Largest p/M [–]; the smallest is 0. See ``largest_load`` for stiffening materials.
     groups : tuple of Group
-        In the order of ``GROUPS``; where an emulator is trained for one study, their ranges are
-        parts of those there. Coordinates are of the whole ranges in any case.
+        In the order of ``GROUPS``; for an emulator of one study, their ranges are parts of those
+        there. Coordinates always refer to the whole ranges.
     share : float
         Share of the largest load up to which it is trained [–].
     """
@@ -209,10 +209,10 @@ class TrainingRange:
         return np.array([group.high for group in self.groups])
 
     def largest_load(self, unit_stiffening: Floats) -> Floats:
-        """Return the largest p/M for a material whose ln(C3/M) is at this place of its range.
+        """Return the largest p/M for a material with this ln(C3/M).
 
         Degraded material has a large C3/C1 and a large C1, hence small loads: no pressure of
-        interest takes it further than 0.35 at the upper end.
+        interest exceeds 0.35 at the upper end.
 
         Parameters
         ----------
@@ -228,10 +228,10 @@ class TrainingRange:
 
 
 def groups_of(inputs: Inputs) -> dict[str, Floats]:
-    """Return p/M and the groups that the inputs give; nan where C1 or C3 is not above 0.
+    """Return p/M and the groups given by the inputs; nan where C1 or C3 is not above 0.
 
-    Shapes are kept, so that groups of the material alone stay free of the pressure axis. Groups
-    of effects that the inputs do not speak of are left out, the paper's thickness excepted.
+    Shapes are kept, so that material groups have no pressure axis. Groups of effects not in the
+    inputs are left out, except the paper's thickness.
 
     Examples
     --------
@@ -276,12 +276,12 @@ def _normalised(load: Floats, given: Mapping[str, Floats]) -> dict[str, Floats]:
 
 @dataclass(frozen=True)
 class Place:
-    """A point of the training range, as a finite element run needs it.
+    """A point of the training range, convertible to a finite element run.
 
     Parameters
     ----------
     values : tuple of float
-        In the order of ``GROUPS``.
+        Values in the order of ``GROUPS``.
     """
 
     values: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""One finite element run by name of its content, and the store of their solutions."""
+"""Finite element runs named by their content, and the store of their solutions."""
 
 import hashlib
 import json
@@ -31,7 +31,7 @@ Solution = CurveSolution | PathSamples
 
 
 class Kind(StrEnum):
-    """What is wanted of a run."""
+    """Kind of result of a run."""
 
     CURVE = "curve"
     SAMPLES = "samples"
@@ -44,19 +44,19 @@ class Run:
     Parameters
     ----------
     geometry : Moulded
-        As moulded, of any family.
+        Geometry as moulded, of any family.
     resolution : Resolution
-        Of the mesh.
+        Resolution of the mesh.
     curve : Curve
         Loads and material in dimensionless groups.
     kind : Kind
         Readings at the curve's loads, or readings and derivatives where the path stopped.
     held : bool
-        Whether the tip is held, and the force there is all that is read.
+        Whether the tip is held and only its force is read.
     origin : Moulded, optional
-        The actuator whose mesh is moved onto this one; by default it has a mesh of its own.
+        The actuator whose mesh is moved onto this one; by default it has its own mesh.
     backend : Backend
-        What assembles the equations.
+        Assembly of the equations.
 
     Examples
     --------
@@ -77,15 +77,15 @@ class Run:
     backend: Backend = Backend.KERNELS
 
     def parameters(self) -> dict[str, object]:
-        """Return all that the solution depends on, the model's version included, as plain JSON."""
+        """Return all that the solution depends on, including the model's version, as plain JSON."""
         whole = asdict(self) | {"geometry": self.geometry.record()}
-        if self.curve.layer is None:  # runs without one keep the names that they had before layers
+        if self.curve.layer is None:  # runs without a layer keep their earlier names
             whole["curve"].pop("layer")
-        if not self.held:  # as those had before forces
+        if not self.held:  # likewise from before forces
             whole.pop("held")
-        if self.backend is Backend.KERNELS:  # as those had before there was another
+        if self.backend is Backend.KERNELS:  # likewise from before backends
             whole.pop("backend")
-        whole.pop("origin")  # and those before dimensions could move
+        whole.pop("origin")  # likewise from before moved dimensions
         if self.origin is not None:
             whole["origin"] = self.origin.record()
         return {"model_version": MODEL_VERSION, **{k: _plain(v) for k, v in whole.items()}}
@@ -95,7 +95,7 @@ class Run:
         return key_of(self.parameters())
 
     def __str__(self) -> str:
-        """Return the parameters as a user reads them, but for those that are 0."""
+        """Return the non-zero parameters in words."""
         shape = self.geometry.record()
         shape.pop("dimensions")
         sizes = vars(self.geometry.dimensions)
@@ -126,7 +126,7 @@ def run_of(parameters: dict[str, Any]) -> Run:
     Raises
     ------
     KeyError, TypeError, ValueError
-        If they are of another version of the package.
+        If they are from a different version of the package.
     """
     shape, curve = parameters["geometry"], parameters["curve"]
     return Run(
@@ -145,7 +145,7 @@ def _layer(curve: dict[str, Any]) -> LayerGroups | None:
 
 
 def _plain(value: object) -> object:
-    """Write equal numbers alike: 14 and 14.0 are the same length."""
+    """Normalise equal numbers: 14 and 14.0 are the same length."""
     if isinstance(value, dict):
         return {name: _plain(part) for name, part in value.items()}
     if isinstance(value, tuple | list):
@@ -153,27 +153,27 @@ def _plain(value: object) -> object:
     return float(value) if isinstance(value, Real) else str(value)
 
 
-# answers of the mechanics, though the path may end before its last load
+# valid results, even if the path ends before its last load
 ANSWERS = (Status.CONVERGED, Status.LIMIT_POINT, Status.BUCKLED)
 
-_ABANDONED = 3600.0  # age after which nobody is still writing a temporary file [s]
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same solution gives the same bytes whenever it is written
+_ABANDONED = 3600.0  # age after which a temporary file is abandoned [s]
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # fixed date, so that equal solutions give equal bytes
 
 
 class _DamagedError(Exception):
-    """A file is not what it was when it was written; the message says what was noticed."""
+    """A damaged file; the message says what was found."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A run that ended without an answer.
+    """A run that ended without a solution.
 
     Parameters
     ----------
     run : Run
-        With its parameters.
+        The run.
     status : Status
-        How it ended.
+        Its status.
     """
 
     run: Run
@@ -184,32 +184,32 @@ class Failure:
 class SolutionStore:
     """Solutions on disk, each in a file named by its run's key; campaigns may share the folder.
 
-    Every file is written whole or not at all, holds no pickle and says in its ``record`` (JSON)
-    which run it is of; its bytes depend on the solution alone. The time that a run took stands in
-    a file beside it.
+    Every file is written completely or not at all, contains no pickle and names its run in its
+    ``record`` (JSON); its bytes depend only on the solution. The time of a run is in a second file
+    next to it.
 
     Parameters
     ----------
     folder : Path
-        Made when the first solution is put there.
+        Created with the first solution.
     """
 
     folder: Path
 
     def get(self, run: Run, *, timeout: float = 0.0) -> Solution | None:
-        """Return the solution of a run, or none if it is not there.
+        """Return the solution of a run, or None if it is missing.
 
         Parameters
         ----------
         run : Run
-            What is wanted.
+            The run.
         timeout : float
-            Seconds that would be allowed now: a run that was given up after less is not counted.
+            Time allowed now [s]: a run given up after less counts as missing.
 
         Warns
         -----
         UserWarning
-            Of a damaged file, with its name; it counts as not there.
+            Names a damaged file, which counts as missing.
         """
         try:
             return self._read(run, timeout)
@@ -233,23 +233,23 @@ class SolutionStore:
     def put(
         self, run: Run, solution: Solution, *, seconds: float | None = None, timeout: float = np.inf
     ) -> bool:
-        """Write a solution, unless one as good stands there; return whether it was written.
+        """Write a solution, unless an equally good one exists; return whether it was written.
 
         Parameters
         ----------
         run : Run
-            Whose solution it is.
+            The run of the solution.
         solution : Solution
-            Of the run's kind.
+            Solution of the run's kind.
         seconds : float, optional
-            What it took.
+            Time taken [s].
         timeout : float
-            What it was allowed to take.
+            Time allowed [s].
 
         Raises
         ------
         BayesdegError
-            If the folder cannot be written, as when the disk is full. What stands there stays.
+            If the folder cannot be written, as when the disk is full. Existing solutions stay.
         """
         if self._holds_as_good(run, timeout if solution.status is Status.TIMED_OUT else np.inf):
             return False
@@ -261,8 +261,9 @@ class SolutionStore:
             _write(self._path(key), encode(run, solution, timeout=timeout))
         except OSError as fault:
             raise ResumableError(
-                f"the store {self.folder} cannot be written: {reason(fault)}; what is solved so "
-                "far stays there: make room, or allow writing, and repeat the command to go on"
+                f"the store {self.folder} cannot be written: {reason(fault)}; solutions so far "
+                "stay there: free some space or allow writing, and run the same command again to "
+                "resume"
             ) from fault
         return True
 
@@ -279,21 +280,21 @@ class SolutionStore:
             try:
                 record = json.loads(str(_members(read_bytes(path, most_mb=RUN_MB))["record"]))
                 status, run = Status[record["status"]], run_of(record["run"])
-            except Exception:  # of another version, or damaged: the next campaign says so
+            except Exception:  # of a different version, or damaged: the next campaign reports it
                 continue
             if status not in ANSWERS and path.stem == run.key():
                 found.append(Failure(run, status))
         return found
 
     def seconds(self) -> dict[str, float]:
-        """Return how long the runs took, by key: wall time of one core [s]."""
+        """Return the times of runs by key: wall time of one core [s]."""
         return dict(self._times())
 
     def _times(self) -> Iterator[tuple[str, float]]:
         for path in sorted(self.folder.glob("*.seconds")):
             try:
                 yield path.stem, float(read_bytes(path, most_mb=RUN_MB))
-            except (OSError, ValueError):  # of no consequence
+            except (OSError, ValueError):  # not important
                 continue
 
     def clean(self) -> None:
@@ -302,7 +303,7 @@ class SolutionStore:
             try:
                 if time.time() - path.stat().st_mtime > _ABANDONED:
                     path.unlink(missing_ok=True)
-            except OSError:  # another campaign was faster
+            except OSError:  # removed by another campaign
                 continue
 
     def _path(self, key: str) -> Path:
@@ -319,7 +320,7 @@ def encode(run: Run, solution: Solution, *, timeout: float = np.inf) -> bytes:
     with ZipFile(buffer, "w") as archive:
         for name, value in values.items():
             member, info = BytesIO(), ZipInfo(f"{name}.npy", _EPOCH)
-            info.create_system, info.external_attr = 3, 0o644 << 16  # alike on every system
+            info.create_system, info.external_attr = 3, 0o644 << 16  # equal on every system
             np.lib.format.write_array(member, np.asarray(value), allow_pickle=False)
             archive.writestr(info, member.getvalue())
     return buffer.getvalue()
@@ -331,15 +332,15 @@ def decode(content: bytes, run: Run) -> tuple[Solution, dict[str, Any]]:
         members = _members(content)
         record = json.loads(str(members.pop("record")))
         if key_of(record["run"]) != run.key():
-            raise ValueError("it is the solution of another run")
+            raise ValueError("it is the solution of a different run")
         _check_shapes(run, members)
         return _solution(run.kind, members), record
-    except Exception as fault:  # a damaged archive fails in any way
+    except Exception as fault:  # a damaged archive may raise anything
         raise _DamagedError(repr(fault)) from fault
 
 
 def _members(content: bytes) -> dict[str, Any]:
-    # a whole member is read before it is looked into, so that its checksum is compared
+    # read a whole member first, so that its checksum is verified
     with ZipFile(BytesIO(content)) as archive:
         parts = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
     return {name: np.load(BytesIO(part), allow_pickle=False) for name, part in parts.items()}
@@ -351,7 +352,7 @@ def _solution(kind: Kind, members: dict[str, Any]) -> Solution:
     end = (status, limit, int(m["iterations"]), str(m["solver"]))
     if kind is Kind.CURVE:
         return CurveSolution(m["readings"], m["rates"], m["rest"], m["rest_rates"], *end)
-    # files were written without readings between the equilibria once
+    # earlier files lack readings between the equilibria
     between = m.get("between", np.empty((0, m["readings"].shape[1])))
     return PathSamples(m["loads"], m["readings"], m["gradients"], *end, between)
 

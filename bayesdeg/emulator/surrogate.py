@@ -9,9 +9,9 @@ With q = p/M the load, s the linear scale, L the length as moulded and W the war
     half of the cavity's change ΔV = s³ L³ q exp(W + Yₖ)
     half of the tip's force      F = s² L² M q exp(W + Yₖ)
 
-where b is the load that misfit and weight of the body amount to, and each Y a sum of ``Terms``. So
-the curvature is zero at zero pressure, smooth in it, and has exact derivatives. L stays that of
-the nominal actuator where dimensions depart from it, see `bayesdeg.emulator.departure`.
+where b is the load equivalent of mismatch and weight of the body, and each Y a sum of ``Terms``. So
+curvature is zero at zero pressure, smooth in it, and has exact derivatives. L stays that of the
+nominal actuator where dimensions depart from it, see `bayesdeg.emulator.departure`.
 """
 
 from collections.abc import Mapping
@@ -70,21 +70,21 @@ def describe(
     limit: Floats,
     units: Units = ONE,
 ) -> dict[str, str]:
-    """Return a sentence for each group that is out of its range somewhere, and for the load.
+    """Return a sentence for each group that leaves its range, and for the load.
 
     Parameters
     ----------
     batch : Batch
-        What was asked for.
+        Requested inputs.
     span : TrainingRange
-        What is trained.
+        Training range.
     limit : array, shape (n_rows,)
         p/M up to which curves are smooth [–].
     units : Units
-        In which all of these are counted.
+        Units of all of these.
     """
     out = ~inside(batch.groups[1:].T, span).T
-    # values of a group are counted once for each load of its row
+    # values of a group count once per load of its row
     columns = batch.loads.shape[1]
     found = {
         group.name: _group(*_counted_in_one(group, values, units), refused, columns)
@@ -95,7 +95,7 @@ def describe(
 
 
 def _counted_in_one(group: Group, values: Floats, units: Units) -> tuple[Group, Floats]:
-    """Return the range and the values of a group as a user knows them."""
+    """Return the range and values of a group in the user's units."""
     if group.name != "log_paper":
         return group, values
     shift = float(np.log(units.paper))
@@ -111,7 +111,7 @@ def _group(group: Group, values: Floats, refused: Flags, columns: int) -> str:
     trained = f"trained from {group.low:.4g} to {group.high:.4g}{unit}; {count}"
     known = values[refused & ~np.isnan(values)]
     if group.name == "paper_slack" and np.any((known >= group.low) & (known <= group.high)):
-        return f"{group.meaning} goes together with a mismatch of the paper, {trained}"
+        return f"{group.meaning} is combined with a mismatch of the paper, {trained}"
     if len(known) == 0:
         return f"{group.meaning} is not a number where the material is impossible, {trained}"
     beyond = np.maximum(group.low - known, known - group.high)
@@ -133,7 +133,7 @@ def _loads(batch: Batch, span: TrainingRange, limit: Floats, unit: float) -> dic
     if np.any(beyond):
         at = np.unravel_index(int(np.argmax(np.where(beyond, loads, -1.0))), loads.shape)
         found[LIMIT] = (
-            f"p/M reaches {loads[at]:.4g}, the curve of that material is smooth up to "
+            f"p/M reaches {loads[at]:.4g}, but the curve of that material is smooth only up to "
             f"{limit[at[0]]:.4g}; {int(beyond.sum())} of {total} values"
         )
     return found
@@ -152,20 +152,20 @@ def _worst_load(loads: Floats, largest: Floats) -> str:
 def curvature_gradient(
     inputs: Inputs, batch: Batch, allowed: Flags, terms: Terms, span: TrainingRange
 ) -> dict[str, Floats]:
-    """Return derivatives of curvature times moulded length by every field that is given.
+    """Return derivatives of curvature times moulded length by every given field.
 
     Parameters
     ----------
     inputs : Inputs
-        Without a reference pressure.
+        Inputs without a reference pressure.
     batch : Batch
-        Of the inputs, one row a point.
+        Batch of the inputs, one row per point.
     allowed : array of bool, shape (n_rows, 1)
-        Where the map answers; elsewhere derivatives are nan.
+        Where the map is defined; elsewhere derivatives are nan.
     terms : Terms
-        Of which the first output is Y₀.
+        Terms whose first output is Y₀.
     span : TrainingRange
-        Of load and groups.
+        Range of load and groups.
 
     Returns
     -------
@@ -226,7 +226,7 @@ def _by_groups(groups: Floats, terms: Terms, span: TrainingRange) -> tuple[Float
 def _rates(
     inputs: Inputs, shape: tuple[int, ...], groups: Floats
 ) -> dict[str, Mapping[str, Floats]]:
-    """Return the derivatives of the groups by each field of the inputs that is given."""
+    """Return the derivatives of the groups by each given field of the inputs."""
 
     def spread(value: Floats) -> Floats:
         return np.broadcast_to(value, shape).ravel()
@@ -267,7 +267,7 @@ def _rates(
 
 
 def _by_modulus(at: Mapping[str, Floats], modulus: Floats) -> dict[str, Floats]:
-    """Return the derivatives of the groups by M, all else as it is."""
+    """Return the derivatives of the groups by M, with all else fixed."""
     ratios = (LOAD, "second_invariant", "gravity_along", "gravity_up")
     logarithms = [group.name for group in MATERIAL if group.name.startswith("log_")]
     return (
@@ -282,24 +282,24 @@ _MISMATCH, _ALONG, _UP = (
     NAMES.index(name) for name in ("paper_mismatch", "gravity_along", "gravity_up")
 )
 OUTSIDE_BY = 0.01
-"""Distance outside the range at which a density has fallen by one half, of range or ln load: small
-against the widths of posteriors, large against the steps of derivatives."""
+"""Distance outside the range, as a share of it or in ln load, at which a density has fallen by one
+half: small relative to posteriors, large relative to derivative steps."""
 STRAIN_MESH_ERROR = 0.025
-"""Relative standard error of other measures of strain than the peak stretch, which corners decide:
-what a mesh of 4616 instead of 2042 elements changes (`benchmarks/rupture_measures.py`)."""
-LIMIT_MARGIN = 2.0  # standard errors that are kept away from a limit
+"""Relative standard error of strain measures other than the peak stretch, dominated by corners: the
+change between meshes of 2042 and 4616 elements (`benchmarks/rupture_measures.py`)."""
+LIMIT_MARGIN = 2.0  # margin from a limit, in standard errors
 _TABLES = ("terms", "error", "limit", "strains", "strain_error")
 FURTHER: tuple[Asked, ...] = ("cavity_volume", "tip_force")
 _NUMBERS = ("length", "mesh_error")
 
 
 def stretch_offset(groups: Floats) -> Floats:
-    """Return the load b that misfit and weight amount to in the peak stretch [–].
+    """Return the load b equivalent to mismatch and weight in the peak stretch [–].
 
     Parameters
     ----------
     groups : array, shape (13, …)
-        In the order of ``NAMES``.
+        Groups in the order of ``NAMES``.
     """
     weight = SAGGING * np.hypot(groups[_ALONG], groups[_UP])
     offset: Floats = np.abs(groups[_MISMATCH]) + weight
@@ -307,7 +307,7 @@ def stretch_offset(groups: Floats) -> Floats:
 
 
 def _constants() -> Floats:
-    """Return what the coordinates are made with: terms mean nothing in others."""
+    """Return the constants of the coordinates: terms are meaningless with different ones."""
     warp = [WARP.get(group.name, (0.0, 0.0)) for group in GROUPS]
     return np.concatenate([np.ravel(warp), [LARGEST_WARPED, STRAIN, GIVE, SAGGING]])
 
@@ -322,12 +322,12 @@ def _are_parts(ranges: Floats) -> bool:
 
 @dataclass(frozen=True)
 class FurtherTerms:
-    """What is trained of an output beside the shape.
+    """Trained terms of an output besides the shape.
 
     Parameters
     ----------
     terms : Terms
-        Its Y.
+        Y of the output.
     error : Terms
         ln of its squared relative standard error.
     """
@@ -345,8 +345,8 @@ class LimitPressure:
     pressure, sd : array
         Best estimate and standard error [kPa]; nan outside the range of the groups.
     trained : array of bool
-        Whether the estimate lies within the loads that were trained; beyond them it says no more
-        than that it lies beyond.
+        Whether the estimate lies within the trained loads; outside it only shows that it lies
+        beyond.
     """
 
     pressure: Floats
@@ -371,8 +371,8 @@ class Surrogate:
         to the stretch less 1.
     limit : Terms
         ln of the warped load x = q e^W up to which curves are smooth, and its standard error; the
-        slack enters by its range, the load not at all. Loads are refused from ``LIMIT_MARGIN``
-        standard errors below it.
+        slack enters by its range, the load not at all. Loads are refused within ``LIMIT_MARGIN``
+        standard errors of it.
     strains, strain_error : Terms
         Y of each of ``MEASURES`` of `bayesdeg.actuator.demand`, and ln of their squared relative
         standard errors.
@@ -381,11 +381,11 @@ class Surrogate:
     record : str
         How it was trained: design, code version, accuracy (JSON).
     units : Units
-        In which the span and the terms count p/M and Et/(M s).
+        Units of p/M and Et/(M s) in the span and the terms.
     further : mapping of str to FurtherTerms
-        Of what may be asked beside the shape.
+        Terms of outputs besides the shape.
     departure : Departure, optional
-        Of dimensions that may differ from those that it was trained at.
+        Departure with dimensions that may differ from the nominal ones.
     """
 
     length: float
@@ -410,12 +410,12 @@ class Surrogate:
         return self._answer(inputs, batch, self._largest(batch, away), away)
 
     def _batch(self, inputs: Inputs) -> tuple[Batch, Floats | None]:
-        """Return the rows of inputs, and how far their dimensions are off; None without any.
+        """Return the rows of inputs, and the deviations of their dimensions; None without any.
 
         Raises
         ------
         BayesdegError
-            If a dimension is given that was not trained.
+            If an untrained dimension is given.
         """
         given = inputs.dimensions or {}
         known = () if self.departure is None else self.departure.names
@@ -431,11 +431,11 @@ class Surrogate:
         return replace(batch, within=batch.within & self.departure.inside(away)), away
 
     def continued(self, inputs: Inputs) -> Prediction:
-        """Return the prediction, and outside the training range a continuation with its excess.
+        """Return the prediction; outside the training range, an extrapolation with its excess.
 
-        Groups outside are put on the end of their range, and curves go on from the largest load
-        along their tangent in ln load. The excess is the distance in `OUTSIDE_BY`: hundredths of
-        a group's range, and of ln load. Where inputs are no material at all it is nan.
+        Groups outside are clipped to their range, and curves continue from the largest load along
+        their tangent in ln load. The excess is the distance in units of `OUTSIDE_BY`: hundredths of
+        a group's range, and of ln load. It is nan for impossible materials.
         """
         if inputs.reference_pressure is not None:
             return relative_to_reference(self.continued, inputs)
@@ -465,7 +465,7 @@ class Surrogate:
         rows = self._rows(inputs, batch, largest)
         slack = bool(np.any(rows.slack > 0.0))
         values, allowed = map_of_rows(
-            np.require(batch.loads, requirements=("C", "W")),  # one kind of array: compiled once
+            np.require(batch.loads, requirements=("C", "W")),  # one layout: compiled once
             rows,
             active_plan(self.terms, batch.scaled, slack=slack),
             active_plan(self.error, batch.scaled, slack=slack),
@@ -493,9 +493,9 @@ class Surrogate:
     def _change(
         self, places: tuple[int, ...], batch: Batch, rows: Rows, allowed: Flags, away: Floats
     ) -> Change:
-        """Return how outputs change with the dimensions; the last ones are what is further asked.
+        """Return the change of outputs with dimensions; the optional outputs come last.
 
-        They are counted as those of ``OUTPUTS``, ``MEASURES`` and what was asked beside the shape.
+        They are numbered as ``OUTPUTS``, ``MEASURES`` and the optional outputs.
         """
         assert self.departure is not None
         loads = np.where(allowed, batch.loads, 0.0)
@@ -505,7 +505,7 @@ class Surrogate:
     def _further(
         self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags, away: Floats | None
     ) -> Further | None:
-        """Return what is asked beside the shape; None where it was not trained."""
+        """Return the requested output besides the shape; None if not trained."""
         if inputs.asked not in self.further:
             return None
         trained, loads = self.further[inputs.asked], np.where(allowed, batch.loads, 0.0)
@@ -527,7 +527,7 @@ class Surrogate:
         return Further(value, value * growth.reshape(batch.shape), sd)
 
     def _size_of(self, inputs: Inputs) -> Floats:
-        """Return what is asked of both halves where q exp(W + Y) is 1 [ml or N]."""
+        """Return the scale of the optional output for both halves [ml or N]."""
         length = self.length * inputs.linear_scale
         if inputs.asked == "cavity_volume":
             return np.asarray(2e-3 * length**3)
@@ -537,7 +537,7 @@ class Surrogate:
     def _demand(
         self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags, away: Floats | None
     ) -> tuple[Floats, Floats]:
-        """Return the uniaxial stretch that is as demanding by a criterion, and its error."""
+        """Return the equally demanding uniaxial stretch by a criterion, and its error."""
         loads = np.where(allowed, batch.loads, 0.0)
         warped = loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
         places, phi = needed(inputs.criterion), batch.phi(loads)
@@ -556,17 +556,17 @@ class Surrogate:
         return 1.0 + strain, strain * np.sqrt(variance)
 
     def without_mesh_error(self) -> Self:
-        """Return the same map with errors of interpolation alone: those against its own mesh."""
+        """Return the same map with interpolation errors only, relative to its own mesh."""
         return replace(self, mesh_error=0.0)
 
     def gradient(self, inputs: Inputs) -> dict[str, Floats]:
-        """Return the derivatives of the curvature by every field that the inputs give.
+        """Return the derivatives of the curvature by every given field of the inputs.
 
         Returns
         -------
         dict of array
-            By the names of ``Inputs``, each with the shape that the inputs broadcast to: 1/m over
-            the field's own unit; nan where the prediction is refused.
+            By the names of ``Inputs``, each in the broadcast shape of the inputs: 1/m over the
+            field's unit; nan where the prediction is refused.
 
         Raises
         ------
@@ -577,13 +577,13 @@ class Surrogate:
             at = replace(inputs, reference_pressure=None)
             zero = self.gradient(replace(at, pressure=inputs.reference_pressure))
             by = self.gradient(at)
-            # what is nan at either pressure stays so
+            # nan at either pressure stays nan
             return {name: value - zero[name] for name, value in by.items()} | {
                 "pressure": by["pressure"] + 0.0 * zero["pressure"],
                 "reference_pressure": 0.0 * by["pressure"] - zero["pressure"],
             }
         if inputs.dimensions:
-            raise BayesdegError("no derivatives are known where dimensions differ")
+            raise BayesdegError("derivatives are not available with changed dimensions")
         inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
         gradient = curvature_gradient(inputs, batch, self._allowed(batch), self.terms, self.span)
@@ -607,10 +607,10 @@ class Surrogate:
         )
 
     def refusals(self, inputs: Inputs) -> dict[str, str]:
-        """Return what lies outside the training range and by how much, in words by name.
+        """Say in words, by name, what lies outside the training range and by how much.
 
         The names are those of the groups, "load" for the largest load trained, and "limit" for
-        loads at which the curve is no longer smooth. Nothing is refused if there are none.
+        loads at which the curve is no longer smooth. Empty if nothing is refused.
         """
         batch, away = self._batch(self.units.inputs(inputs))
         found = describe(batch, self.span, self._limit_load(batch, away), self.units)
@@ -630,7 +630,7 @@ class Surrogate:
             "constants": _constants(),
             "record": np.array(self.record),
         }
-        if self.units != ONE:  # files were written without them once
+        if self.units != ONE:  # earlier files lack them
             layer = () if self.units.layer is None else (self.units.layer,)
             arrays["units"] = np.array([self.units.load, self.units.paper, *layer])
         tables: dict[str, Terms] = {name: getattr(self, name) for name in _TABLES}
@@ -649,16 +649,16 @@ class Surrogate:
         Raises
         ------
         ValueError
-            If it was made with other groups or coordinates than those of this version.
+            If it was made with different groups or coordinates.
         """
         names = tuple(str(name) for name in arrays["groups"])
         ranges = np.asarray(arrays["ranges"], dtype=np.float64)
         constants = np.asarray(arrays["constants"], dtype=np.float64)
         if names != tuple(group.name for group in GROUPS) or not _are_parts(ranges):
-            raise ValueError("the emulator was trained with other groups than this version has")
+            raise ValueError("the emulator was trained with different groups than now")
         if not np.array_equal(constants, _constants()):
-            raise ValueError("the emulator was trained in other coordinates than this version has")
-        # files were written without what is asked beside the shape once
+            raise ValueError("the emulator was trained in different coordinates than now")
+        # earlier files lack outputs besides the shape
         asked = [name for name in FURTHER if f"{name}_orders" in arrays]
         tables = {
             name: Terms(
@@ -676,7 +676,7 @@ class Surrogate:
                     replace(group, low=float(low), high=float(high))
                     for group, (low, high, _) in zip(GROUPS, ranges, strict=True)
                 ),
-                # those of the whole range were written without it once
+                # earlier files of the whole range lack it
                 share=float(arrays.get("share", np.ones(()))),
             ),
             mesh_error=float(arrays["mesh_error"]),
@@ -707,7 +707,7 @@ class Surrogate:
         return safe
 
     def _largest(self, batch: Batch, away: Floats | None = None) -> Floats:
-        """Return p/M up to which there is an answer, (n_rows,); −1 in rows outside."""
+        """Return p/M up to which the map is defined, (n_rows,); −1 in rows outside."""
         largest = np.minimum(self._limit_load(batch, away), batch.largest_load(self.span))
         return np.where(batch.within, largest, -1.0)
 
@@ -736,9 +736,9 @@ def _departed(values: Floats, change: Change) -> Floats:
     Parameters
     ----------
     values : array, shape (7, n_rows, n_columns)
-        Of the map at its own dimensions.
+        Outputs of the map at its nominal dimensions.
     change : Change
-        Of the first three.
+        Change of the first three.
     """
     curvature, angle, stretch, slope, *sds = values
     sizes = (curvature, angle, stretch - 1.0)
@@ -754,10 +754,10 @@ def _departed(values: Floats, change: Change) -> Floats:
 
 
 def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> Prediction:
-    """Let curves of some rows go on along their tangents by so much in ln load."""
+    """Extrapolate curves of some rows along their tangents in ln load."""
     arrays = {name: values for name, values in vars(found).items() if name != "further"}
     whole = {name: values.reshape(len(off), -1) for name, values in arrays.items()}
-    part = {name: values[off] for name, values in whole.items()}  # the whole is the map's own
+    part = {name: values[off] for name, values in whole.items()}  # keep the map's own arrays
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = part["curvature"]
         factor = 1.0 + np.where(curvature > 0.0, part["slope"] / curvature, 1.0) * above

@@ -1,10 +1,10 @@
-"""Sums of products of polynomials: which ones, and how they are carried out at many points.
+"""Sums of products of polynomials: their choice, and evaluation at many points.
 
-A curve has one material and many loads. So each row of points is contracted first over the
-material and the causes to coefficients along the load (and along powers of φ, the place of the
-slack, which moves with the load), and these are summed at each load. Products of material and
-causes are made once each, from a product with one factor less. Rows go through in blocks, one row
-a lane, so that neither their order nor their number changes a result.
+A curve has one material and many loads. So each row of points is first contracted over the material
+and the causes to coefficients along the load (and along powers of φ, the slack coordinate, which
+varies with the load), and these are summed at each load. Products of material and causes are
+computed once each, from a product with one factor less. Rows are processed in blocks, one row per
+lane, so that neither their order nor their number changes a result.
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ class Terms:
             )
 
     def output(self, number: int) -> Self:
-        """Return one output alone, without the terms that it does not have."""
+        """Return one output, without terms that it lacks."""
         there = self.coefficients[number] != 0.0
         return type(self)(self.orders[there], self.coefficients[number : number + 1, there])
 
@@ -107,7 +107,7 @@ def _collected(orders: Indices, coefficients: Floats) -> tuple[Indices, Floats]:
 
 Degrees = tuple[int, int, int, int]
 
-# both directions of gravity at once are not trained: one body has one mount
+# gravity in both directions is not trained: a body has one mount
 APART = frozenset(NAMES.index(name) - N_CHEBYSHEV for name in ("gravity_along", "gravity_up"))
 
 
@@ -120,7 +120,7 @@ class Family:
     base : tuple of int
         Degrees in load and material without a cause: Σ orderᵢ/degreeᵢ ≤ 1.
     single : tuple of int
-        The same for terms with one cause; they shrink as its power grows.
+        The same for terms with one cause; they decrease with its power.
     powers : tuple of int, length 9
         Highest power of each cause.
     pair, triple : tuple of int, optional
@@ -219,13 +219,13 @@ def _tables(points: Floats, axis: int, orders: Indices) -> tuple[Floats, Floats]
     return values, slopes
 
 
-TOGETHER = 4  # terms, so that what they add to is read and written once
-OUTPUTS = 3  # for which products are read once
+TOGETHER = 4  # terms, so that their sum is read and written once
+OUTPUTS = 3  # outputs for which products are read once
 ROW_AXES = tuple(axis for axis in range(1, len(NAMES)) if axis != SLACK)
 
 
 class Plan(NamedTuple):
-    """How terms are summed; a tuple, which compiled functions take as it is.
+    """Summation plan of terms; a tuple, which compiled functions accept.
 
     Parameters
     ----------
@@ -234,11 +234,11 @@ class Plan(NamedTuple):
     parents, factors : array, shape (n_products,)
         Each product is an earlier one times a factor of that table; the first is 1.
     slots : array, shape (n_groups,)
-        Power of φ × ``n_orders`` + order in the load of ``TOGETHER`` terms that share it.
+        Power of φ × ``n_orders`` + order in the load of each ``TOGETHER`` terms that share it.
     products : array, shape (n_groups, 4)
-        Of the terms of each group.
+        Products of the terms of each group.
     coefficients : array, shape (n_groups, n_outputs, 4)
-        Of the terms; 0 where a group is not full, and of outputs that make up whole `OUTPUTS`.
+        Coefficients of the terms; 0 where groups or `OUTPUTS` are padded.
     n_orders, n_powers : int
         Orders in the load and powers of φ, zero included.
     """
@@ -255,12 +255,12 @@ class Plan(NamedTuple):
 
 @lru_cache(maxsize=64)
 def plan_of(terms: Terms, active: tuple[bool, ...]) -> Plan:
-    """Return the plan for terms of which those with a neutral cause are left out.
+    """Return the plan for terms without those of neutral causes.
 
     Parameters
     ----------
     terms : Terms
-        To sum.
+        Terms to sum.
     active : tuple of bool, length 9
         Whether each of ``CAUSES`` is away from neutral anywhere.
     """
@@ -294,7 +294,7 @@ def plan_of(terms: Terms, active: tuple[bool, ...]) -> Plan:
 def _grouped(
     slots: Indices, products: Indices, coefficients: Floats
 ) -> tuple[Indices, Indices, Floats]:
-    """Put terms of the same slot together in groups, filled up with terms of no size."""
+    """Group terms of the same slot, padded with zero terms."""
     order = np.lexsort((products, slots))
     parts = [
         chosen[k : k + TOGETHER]
@@ -318,7 +318,7 @@ def _last_factor(orders: tuple[int, ...]) -> tuple[tuple[int, ...], int, int]:
 
 
 def _chain(orders: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Return a product and all those that it is made from."""
+    """Return a product and all its factors' products."""
     chain = [orders]
     while any(chain[-1]):
         chain.append(_last_factor(chain[-1])[0])
@@ -335,13 +335,13 @@ def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats | None) -> F
     Parameters
     ----------
     terms : Terms
-        To sum.
+        Terms to sum.
     rows : array, shape (13, n_rows)
         Scaled material and causes, in the order of ``NAMES``; load and slack are not read.
     loads : array, shape (n_rows, n_columns)
         Warped load on [−1, 1].
     phi : array, shape (n_rows, n_columns), optional
-        Place of the slack; 0 if not given.
+        Slack coordinate; 0 if not given.
     """
     plan = active_plan(terms, rows, slack=phi is not None and bool(np.any(phi != 0.0)))
     summed: Floats = _sum_terms(

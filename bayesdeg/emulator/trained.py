@@ -1,7 +1,7 @@
-"""Trained emulators on disk: the one that ships, and those of other geometries.
+"""Trained emulators on disk: the shipped one, and those of other geometries.
 
-They are read and written here; where they are kept, and what their records say, is in
-`bayesdeg.emulator.kept`, which needs nothing compiled.
+They are read and written here; their places and records are handled by `bayesdeg.emulator.kept`,
+which needs no compiled code.
 """
 
 import io
@@ -35,14 +35,14 @@ from bayesdeg.files import written
 
 @dataclass(frozen=True)
 class Found:
-    """What a search for a trained emulator came to.
+    """Result of a search for a trained emulator.
 
     Parameters
     ----------
     surrogate : Surrogate, optional
-        None if it has to be trained.
+        None if it must be trained.
     path : Path
-        Where the emulator of this geometry is kept, or goes once it is trained.
+        Place of the emulator of this geometry, existing or to be trained.
     reason : str
         Why there is none; empty if there is one.
     """
@@ -66,7 +66,7 @@ def from_bytes(content: bytes) -> Surrogate:
 
 
 def default_surrogate() -> Surrogate:
-    """Return the emulator of the default geometry that ships with the package.
+    """Return the emulator of the default geometry shipped with the package.
 
     Examples
     --------
@@ -77,14 +77,14 @@ def default_surrogate() -> Surrogate:
 
 
 def surrogate_for(geometry: Moulded, surrogate: Surrogate | None = None) -> Surrogate:
-    """Return an emulator if it is of this geometry.
+    """Return an emulator, checked to be of this geometry.
 
     Parameters
     ----------
     geometry : Moulded
         The actuator of the study.
     surrogate : Surrogate, optional
-        By default the one that ships with the package.
+        By default the shipped one.
 
     Raises
     ------
@@ -101,16 +101,16 @@ def lacking(
     asked: Sequence[Asked],
     uncertain: Sequence[UncertainDimension] = (),
 ) -> str:
-    """Say what an emulator does not answer of what is asked beside the shape; empty if nothing.
+    """Say which requested outputs besides the shape an emulator lacks; empty if none.
 
     Parameters
     ----------
     surrogate : Surrogate
-        Any.
+        Any emulator.
     asked : sequence of str
-        Beside the shape.
+        Requested outputs besides the shape.
     uncertain : sequence of UncertainDimension
-        Over whose ranges it must answer.
+        Dimensions whose ranges it must cover.
 
     Examples
     --------
@@ -135,18 +135,16 @@ def refuse_lacking(
     asked: Sequence[Asked],
     uncertain: Sequence[UncertainDimension] = (),
 ) -> None:
-    """Refuse an emulator that does not answer what is asked beside the shape.
+    """Refuse an emulator that lacks requested outputs besides the shape.
 
     Raises
     ------
     BayesdegError
-        Saying what it lacks, and what to do.
+        Says what it lacks, and what to do.
     """
     reason = lacking(surrogate, asked, uncertain)
     if reason:
-        raise BayesdegError(
-            f"{reason}; 'bayesdeg run STUDY' trains one that does, where the study lies"
-        )
+        raise BayesdegError(f"{reason}; 'bayesdeg run STUDY' trains a suitable one")
 
 
 def read_trained(path: Traversable) -> Surrogate:
@@ -155,7 +153,7 @@ def read_trained(path: Traversable) -> Surrogate:
     Raises
     ------
     BayesdegError
-        If it cannot be read, is damaged, or is of another version of the finite element model.
+        If it cannot be read, is damaged, or is of a different version of the finite element model.
     """
     surrogate = read_content(path, from_bytes)
     refuse_outdated(path, surrogate.record)
@@ -165,7 +163,7 @@ def read_trained(path: Traversable) -> Surrogate:
 def covering(
     geometry: Moulded, wanted: TrainingRange, cache: Path = CACHE
 ) -> Iterator[tuple[Path, Surrogate]]:
-    """Yield the emulators of a geometry in a cache that answer over all of a range."""
+    """Yield cached emulators of a geometry that cover a range."""
     for path in sorted(cache.glob("*.npz")):
         try:
             surrogate = read_trained(path)
@@ -180,14 +178,14 @@ ASKED_FOR = "asked_for"
 
 
 def asked_for(record: str) -> str:
-    """Return the record of a refined emulator that says that a run asked for it."""
+    """Mark the record of a refined emulator as requested by a run."""
     facts = json.loads(record)
     facts["refinement"][ASKED_FOR] = True
     return json.dumps(facts, indent=1)
 
 
 def is_refined(record: str) -> bool:
-    """Return whether an emulator was corrected where one posterior lies since a run asked for it.
+    """Return whether an emulator was refined where a posterior lies on request of a run.
 
     Examples
     --------
@@ -198,12 +196,12 @@ def is_refined(record: str) -> bool:
 
 
 def not_refined(record: str) -> str:
-    """Return a record that says that nothing was there to refine an emulator by."""
+    """Mark a record as not refinable."""
     return json.dumps(json.loads(record) | {"refinement": None}, indent=1)
 
 
 def went_to_its_end(record: str) -> bool:
-    """Return whether training ended with what refines an emulator, be it in vain.
+    """Return whether training ended with a refinement, successful or not.
 
     Examples
     --------
@@ -214,7 +212,7 @@ def went_to_its_end(record: str) -> bool:
 
 
 def is_fitted_as_now(record: str) -> bool:
-    """Return whether an emulator is what its curves would give today.
+    """Return whether an emulator was fitted by the current method.
 
     Examples
     --------
@@ -225,18 +223,18 @@ def is_fitted_as_now(record: str) -> bool:
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:
-    """Keep an emulator in a file: whole or not at all.
+    """Write an emulator to a file, completely or not at all.
 
     Raises
     ------
     ResumableError
-        If the file cannot be written; nothing that was solved is lost.
+        If the file cannot be written; solutions are not lost.
     """
     try:
         with written(path) as part:
             part.write_bytes(to_bytes(surrogate))
     except ResumableError as fault:
-        raise ResumableError(f"{fault}; nothing that was solved is lost") from fault
+        raise ResumableError(f"{fault}; solutions are not lost") from fault
 
 
 def find(geometry: Moulded, *, recipe: Recipe | None = None, cache: Path = CACHE) -> Found:
@@ -247,7 +245,7 @@ def find(geometry: Moulded, *, recipe: Recipe | None = None, cache: Path = CACHE
     geometry : Moulded
         The actuator of the study.
     recipe : Recipe, optional
-        What it shall be trained on; the package's is of the default recipe.
+        Its required training set; the package's has the default recipe.
     cache : Path
         Folder of emulators of other geometries.
     """
@@ -256,5 +254,5 @@ def find(geometry: Moulded, *, recipe: Recipe | None = None, cache: Path = CACHE
         return Found(None, found.path, found.reason)
     try:
         return Found(read_trained(found.source), found.path)
-    except BayesdegError as fault:  # its record was whole, the rest is not
+    except BayesdegError as fault:  # its record is intact, the rest is damaged
         return Found(None, found.path, replace(found, reasons=(*found.reasons, str(fault))).reason)

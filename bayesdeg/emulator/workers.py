@@ -1,4 +1,4 @@
-"""Where runs are solved: here, in worker processes, or on a Dask cluster."""
+"""Executors of runs: this process, worker processes, or a Dask cluster."""
 
 import ctypes
 import gc
@@ -25,39 +25,39 @@ from bayesdeg.actuator.status import MODEL_VERSION
 from bayesdeg.emulator.solutions import Kind, Run, Solution
 from bayesdeg.errors import BayesdegError, ResumableError
 
-# limits on threads hold for a whole process, and so does the solver's memory
+# thread limits apply to a whole process, and so does the solver's memory
 _ONE_AT_A_TIME = threading.Lock()
 # names of settings in malloc.h
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
 
 def solve(run: Run, key: str, timeout: float) -> tuple[Solution, float]:
-    """Solve one run in this process; return its solution and the seconds that it took.
+    """Solve one run in this process; return its solution and time in seconds.
 
-    Mesh and symbolic factorization are those of the run before if the actuator is the same.
+    Mesh and symbolic factorization are reused from the previous run of the same actuator.
 
     Parameters
     ----------
     run : Run
-        What is wanted.
+        The run.
     key : str
-        The run's name where it was asked for.
+        The run's name where it was requested.
     timeout : float
         Wall time after which the path is given up, from its start [s].
 
     Raises
     ------
     BayesdegError
-        If the run has another key here: another version of the package.
+        If the run's key differs here: a different version of the package.
     """
     if run.key() != key:
         raise BayesdegError(
-            f"a worker has another version of the finite element model (its own: {MODEL_VERSION}); "
+            f"a worker has a different version of the finite element model ({MODEL_VERSION}); "
             "install the same bayesdeg on every machine"
         )
     _keep_freed_memory()
     task, effort = (run.geometry, run.resolution, run.curve), replace(SAMPLING, seconds=timeout)
-    # one thread: the same sums in the same order, hence the same bits, in whatever process
+    # one thread: the same sums in the same order, hence the same bits, in any process
     with _ONE_AT_A_TIME, threadpool_limits(limits=1):
         start = time.perf_counter()
         solution: Solution
@@ -70,9 +70,9 @@ def solve(run: Run, key: str, timeout: float) -> tuple[Solution, float]:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Undo what Dask sets for its workers: giving freed memory back at once.
+    """Undo Dask's setting for its workers of returning freed memory immediately.
 
-    Every large array then comes as untouched pages, and a run takes a quarter longer.
+    It makes every large array start on untouched pages, and a run take a quarter longer.
     """
     if "MALLOC_TRIM_THRESHOLD_" in os.environ and sys.platform == "linux":
         library = ctypes.CDLL(None)
@@ -83,30 +83,30 @@ def _keep_freed_memory() -> None:
 
 @runtime_checkable
 class Supervised(Protocol):
-    """What a campaign asks of the executors made for it, beyond ``Executor``."""
+    """Interface of executors for campaigns, beyond ``Executor``."""
 
-    # what a future raises if workers died of its own run
+    # raised by a future if workers died of its own run
     fatal: tuple[type[BaseException], ...]
 
     @property
     def workers(self) -> int:
-        """How many runs are solved at a time."""
+        """Number of runs solved at a time."""
 
     def check(self) -> None:
-        """Raise BayesdegError if no result will come any more."""
+        """Raise BayesdegError if no more results can arrive."""
 
 
 class WorkerProcesses(Executor):
-    """Processes on this machine, opened again after one of them died.
+    """Processes on this machine, reopened after one of them dies.
 
     Parameters
     ----------
     workers : int
-        Number of processes; no more than cores are started, since more are no faster and take
-        some 90 MB each.
+        Number of processes; at most the number of cores, since more are not faster and take some
+        90 MB each.
     import_main : bool
-        Whether they import the program that opens them, as what it defines itself needs. A script
-        without ``if __name__ == "__main__"`` would start itself again in each of them.
+        Whether they import the main program, as functions defined in it require. A script without
+        ``if __name__ == "__main__"`` would start itself again in each of them.
     """
 
     fatal: tuple[type[BaseException], ...] = ()
@@ -121,12 +121,12 @@ class WorkerProcesses(Executor):
         return self._workers
 
     def check(self) -> None:
-        """Do nothing: the futures tell of processes that die."""
+        """Do nothing: futures report dead processes."""
 
     def submit[**P, T](
         self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
     ) -> Future[T]:
-        """Submit to the pool; to a new one if a process of the old one died."""
+        """Submit to the pool, or to a new one if a process of the old one died."""
         with deaf_to_interrupts(), nullcontext() if self._import_main else main_hidden():
             try:
                 return self._pool.submit(function, *args, **kwargs)
@@ -153,9 +153,9 @@ def _cores() -> int:
 
 @contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
-    """Let processes that start meanwhile take no notice of Ctrl-C: this one tells them to end.
+    """Make processes started in this context ignore Ctrl-C: this process ends them.
 
-    They inherit what is blocked here; a signal that comes meanwhile is taken afterwards.
+    They inherit blocked signals; a signal received meanwhile is handled afterwards.
     """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
@@ -169,7 +169,7 @@ def deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def main_hidden() -> Iterator[None]:
-    """Let processes that start meanwhile not know from which file or module the program came."""
+    """Hide the main program's file and module from processes started in this context."""
     main = vars(sys.modules["__main__"])
     known: dict[str, object] = {
         name: main[name] for name in ("__file__", "__spec__") if name in main
@@ -183,7 +183,7 @@ def main_hidden() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Let a worker die with the command that started it, even if that was killed."""
+    """Make a worker end with the command that started it, even if that was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -194,30 +194,30 @@ def end_with_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-CONNECTING = 10.0  # how long a scheduler is waited for [s]
-JOINING = 30.0  # how long a first worker is waited for [s]
-DESERTED = 300.0  # how long a campaign waits for workers to come back [s]
+CONNECTING = 10.0  # timeout for a scheduler [s]
+JOINING = 30.0  # timeout for the first worker [s]
+DESERTED = 300.0  # timeout for workers to come back [s]
 _COUNTING = 5.0  # between counts of the workers [s]
 
 
 @contextmanager
 def cluster_executor(address: str) -> Iterator[Executor]:
-    """Connect to the scheduler of a Dask cluster; give an executor over all its workers.
+    """Connect to the scheduler of a Dask cluster; yield an executor over all its workers.
 
-    Workers may join and leave while a campaign runs. A run whose worker is lost is run again by
-    Dask, elsewhere. A worker should have one thread, since a process solves one run at a time:
+    Workers may join and leave during a campaign. Dask reruns a lost worker's run elsewhere. A
+    worker should have one thread, since a process solves one run at a time:
     ``dask worker ADDRESS --nworkers auto --nthreads 1``.
 
     Parameters
     ----------
     address : str
-        As ``dask scheduler`` prints it, for instance ``tcp://192.0.2.1:8786``.
+        As printed by ``dask scheduler``, for instance ``tcp://192.0.2.1:8786``.
 
     Raises
     ------
     BayesdegError
         If ``distributed`` is not installed, no scheduler answers, no worker joins it, or a worker
-        has none or another version of the finite element model.
+        lacks the finite element model or has a different version.
     """
     client = _connected(address)
     try:
@@ -228,17 +228,17 @@ def cluster_executor(address: str) -> Iterator[Executor]:
 
 
 class ClusterExecutor(Executor):
-    """The executor that Dask's client offers, with what a campaign asks for beyond it.
+    """Dask's client executor, extended for campaigns.
 
-    Dask's own executor tells of a lost scheduler by cancelled futures at best, and by futures
-    that never end if the connection broke while a result was fetched.
+    Dask's own executor reports a lost scheduler by cancelled futures at best, or by futures that
+    never end if the connection broke while fetching a result.
 
     Parameters
     ----------
     client : distributed.Client
-        Connected.
+        A connected client.
     address : str
-        Of its scheduler.
+        Address of its scheduler.
     """
 
     def __init__(self, client: Any, address: str) -> None:
@@ -252,11 +252,11 @@ class ClusterExecutor(Executor):
 
     @property
     def workers(self) -> int:
-        """Threads of all workers, as counted a few seconds ago."""
+        """Number of threads of all workers, counted a few seconds ago."""
         return self._workers
 
     def check(self) -> None:
-        """Raise ResumableError if the scheduler is lost, or all its workers are for long."""
+        """Raise ResumableError if the scheduler, or all workers for long, are lost."""
         if self._client.status != "running" or self._client.scheduler_comm is not self._connection:
             raise self._lost()
         now = time.monotonic()
@@ -271,8 +271,8 @@ class ClusterExecutor(Executor):
             self._attended = now
         elif now - self._attended > DESERTED:
             raise ResumableError(
-                f"the scheduler at {self._address} has had no worker for {DESERTED:g} s; what is "
-                "solved so far stays in the store: start workers and repeat the command to go on"
+                f"the scheduler at {self._address} has had no worker for {DESERTED:g} s; solutions "
+                "so far are stored: start workers and run the same command again to resume"
             )
 
     def submit[**P, T](
@@ -284,20 +284,20 @@ class ClusterExecutor(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more, and have no more done if futures are cancelled; the cluster goes on."""
-        with suppress(OSError, TimeoutError):  # of a scheduler that is lost
+        """Accept no more runs, and stop pending ones if cancelled; the cluster keeps running."""
+        with suppress(OSError, TimeoutError):  # if the scheduler is lost
             if self._client.status == "running":
                 self._executor.shutdown(wait and not cancel_futures)
 
     def _lost(self) -> ResumableError:
         return ResumableError(
-            f"the scheduler at {self._address} was lost; what is solved so far stays in the "
-            "store: start scheduler and workers again and repeat the command to go on"
+            f"the scheduler at {self._address} was lost; solutions so far are stored: restart "
+            "scheduler and workers and run the same command again to resume"
         )
 
 
 def model_version() -> str:
-    """Return the version of the finite element model; asked of every worker."""
+    """Return the version of the finite element model; checked on every worker."""
     return MODEL_VERSION
 
 
@@ -312,14 +312,14 @@ def _distributed() -> Any:
 
 def _connected(address: str) -> Any:
     distributed = _distributed()
-    # a client that could not connect, collected while the next one starts, waits for its lock
+    # a failed client, collected while the next one starts, would wait for its lock
     gc.collect()
     try:
         return distributed.Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError, TypeError) as fault:
         raise BayesdegError(
-            f"no scheduler answers at {address!r} ({fault}); give the address that 'dask "
-            "scheduler' prints, such as tcp://127.0.0.1:8786"
+            f"no scheduler answers at {address!r} ({fault}); give the address printed by 'dask "
+            "scheduler', such as tcp://127.0.0.1:8786"
         ) from fault
 
 
@@ -328,7 +328,7 @@ def _check_workers(client: Any, address: str) -> None:
         client.wait_for_workers(1, timeout=JOINING)
     except TimeoutError as fault:
         raise BayesdegError(
-            f"no worker has joined the scheduler at {address} within {JOINING:g} s; start some "
+            f"no worker joined the scheduler at {address} within {JOINING:g} s; start some "
             f"with 'dask worker {address} --nworkers auto --nthreads 1'"
         ) from fault
     answers = client.run(model_version, on_error="return")
@@ -353,7 +353,7 @@ _KEPT: dict[int, WorkerProcesses] = {}
 
 @contextmanager
 def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
-    """Open worker processes or a cluster; when stopped, do not wait for what is under way."""
+    """Open worker processes or a cluster; when stopped, do not wait for runs in progress."""
     with pool(workers, scheduler) as executor:
         try:
             yield executor
@@ -365,10 +365,10 @@ def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
 
 
 def _end_processes() -> None:
-    """End the processes that were started here.
+    """End the processes started here.
 
-    They would end with this one, but not before they have begun: one that is just starting finds
-    its parent's locks gone then, and complains of it with a traceback.
+    They would end with this one, but not before they have started: a starting process would find
+    its parent's locks gone and print a traceback.
     """
     for process in multiprocessing.active_children():
         process.kill()
@@ -376,14 +376,14 @@ def _end_processes() -> None:
 
 @contextmanager
 def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Open where finite element runs are solved.
+    """Open an executor for finite element runs.
 
     Parameters
     ----------
     workers : int
         Processes on this machine, each with one thread of linear algebra; none for 1.
     scheduler : str, optional
-        Address of a Dask scheduler, whose workers are taken instead.
+        Address of a Dask scheduler, whose workers are used instead.
     """
     if scheduler is not None:
         with cluster_executor(scheduler) as executor:
@@ -400,8 +400,8 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None
 def kept_processes(workers: int) -> Iterator[Executor | None]:
     """Open worker processes that stay open for the next verb, until this process ends.
 
-    Opening them costs as much as a quick calibration. They do not import the program that opens
-    them, so that a script without ``if __name__ == "__main__"`` is not started again.
+    Opening them costs as much as a quick calibration. They do not import the main program, so that
+    a script without ``if __name__ == "__main__"`` is not started again.
 
     Parameters
     ----------
@@ -423,9 +423,9 @@ def kept_processes(workers: int) -> Iterator[Executor | None]:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Let processes that start meanwhile use one thread of linear algebra, if nothing else is said.
+    """Give processes started in this context one thread of linear algebra, unless set otherwise.
 
-    They inherit the environment; that of this process is afterwards as it was.
+    They inherit the environment, which is restored afterwards.
     """
     names = {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"} - set(os.environ)
     os.environ.update(dict.fromkeys(names, "1"))

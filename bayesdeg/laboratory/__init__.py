@@ -1,1 +1,1 @@
-"""Virtual experiments: the finite element model as the truth, with an effect hidden in it."""
+"""Virtual experiments: the finite element model as the truth, with a hidden effect."""

@@ -1,6 +1,6 @@
-"""A whole virtual experiment: films and actuators tested on one truth.
+"""A complete virtual experiment: films and actuators tested on one truth.
 
-The folding of causes is that of `bayesdeg.inference.model`, on the truth instead of a guess.
+Causes are applied as in `bayesdeg.inference.model`, but to the truth.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -50,7 +50,7 @@ VIRTUAL_TABLES: Mapping[str, Table] = MappingProxyType(
     {name: table for name, table in TABLES.items() if name != "summary"}
     | {TIP_FORCES.name: TIP_FORCES}
 )
-"""What a virtual experiment may record; published statistics are not virtual."""
+"""Tables of a virtual experiment; published statistics are never virtual."""
 
 LEVELS = (0, 5, 10, 15, 20, 25)
 REPLICATES = 3
@@ -64,7 +64,7 @@ SHRINKAGE_FILMS = 4
 SPECIMEN = ("specimen_id", "degradation_pct", "degradation_sd_pct")
 _SCHEDULE = ("cycle", "branch")
 _ERRORS = ("curvature_sd_per_m", "bend_angle_sd_deg")
-_ROOM = ("temperature_C", "batch")  # of films and of actuators
+_ROOM = ("temperature_C", "batch")  # optional columns of films and actuators
 _CONDITIONS = (*_ERRORS, "time_s", *_SCHEDULE, "humidity_pct", "mount", *_ROOM)
 
 
@@ -106,14 +106,14 @@ def _shrinkage() -> pd.DataFrame:
 
 
 class Breaking(NamedTuple):
-    """When walls break.
+    """Rupture of walls.
 
     Parameters
     ----------
     criterion : str
-        What of their state is held against the elongation at break of films.
+        Measure of a wall's state compared with the films' elongation at break.
     size_ratio : float
-        Volume of an actuator as moulded over that of a film that is stretched [–].
+        Volume of an actuator as moulded over that of a tested film [–].
     """
 
     criterion: RuptureCriterion = "principal_stretch"
@@ -125,34 +125,34 @@ BY_STRETCH = Breaking()
 
 @dataclass(frozen=True)
 class Design:
-    """What is tested and at what settings; the defaults are the tests of Nagai et al.
+    """Tests and their settings; the defaults are those of Nagai et al.
 
     Parameters
     ----------
     actuator : pandas.DataFrame
-        One row a reading: ``specimen_id``, ``degradation_pct``, ``degradation_sd_pct`` (nan where
-        the truth has the say), ``pressure_kPa``, and of the optional columns of ``actuator.csv``
-        those that are recorded. Rows of a specimen stand in the order of the test. Default:
-        6 levels of degradation, 3 actuators each, 20 to 240 kPa by 20 kPa.
+        One row per reading: ``specimen_id``, ``degradation_pct``, ``degradation_sd_pct`` (nan to
+        use the truth's), ``pressure_kPa``, and the optional columns of ``actuator.csv`` to be
+        recorded. Rows of a specimen are in test order. Default: 6 levels of degradation, 3
+        actuators each, 20 to 240 kPa in steps of 20 kPa.
     tensile : pandas.DataFrame
-        One row a reading: the columns of the specimen, ``mode``, ``stress_measure``, and either
+        One row per reading: the columns of the specimen, ``mode``, ``stress_measure``, and either
         ``stretch`` or ``elongation_share``, the share of the specimen's own elongation at break.
-        Default: 3 films a level, 15 readings up to 97 % of the elongation at break.
+        Default: 3 films per level, 15 readings up to 97 % of the elongation at break.
     breaks : pandas.DataFrame
-        One row a specimen; one that stands in ``tensile`` too is the same film. Default: those.
+        One row per specimen; one also in ``tensile`` is the same film. Default: those.
     moisture : pandas.DataFrame
         ``film_id``, ``time_h``. Default: 9 films each after 0, 4, …, 24 h.
     shrinkage : pandas.DataFrame
         ``film_id``. Default: 4 films.
     mixture : Mixture
-        Of which the films of ``shrinkage`` are poured.
+        Mixture of the films of ``shrinkage``.
     bend_angle, cavity_volume : bool
-        Whether bend angle and cavity volume are read beside the curvature.
+        Whether bend angle and cavity volume are read together with the curvature.
     breaking : Breaking
-        When walls break.
+        Rupture of walls.
     force : pandas.DataFrame, optional
-        One row a reading of a blocked tip force, with the columns of ``actuator``, on specimens of
-        their own. Default: none are read.
+        One row per reading of a blocked tip force, with the columns of ``actuator``, on separate
+        specimens. Default: none.
 
     References
     ----------
@@ -178,21 +178,21 @@ class Design:
 
     @property
     def scatter_law(self) -> ScatterLaw:
-        """Law of the elongation at break from specimen to specimen."""
+        """Scatter law of the elongation at break between specimens."""
         return scatter_law(self.breaking.criterion)
 
 
 def design_of(study: Study) -> Design:
     """Return the design of a study.
 
-    What the study has no table of is tested as in the default design; films of its tensile
-    tests are also torn if it has no ``break.csv``. Specimens that burst are given the readings
-    that they would have had: those of the longest test that begins with theirs.
+    Tests without a table in the study follow the default design; films of its tensile tests are
+    also broken if it has no ``break.csv``. Specimens that burst get the readings that they would
+    have had: those of the longest test that begins with theirs.
 
     Parameters
     ----------
     study : Study
-        As read.
+        The study as read.
 
     Returns
     -------
@@ -290,13 +290,13 @@ DRY_MASS = 2.0  # of an undegraded film [g]
 DRY_MASS_SCATTER = 0.05
 MASS_POURED = 30.0  # stated by the source [g]
 MASS_POURED_SCATTER = 0.01
-VOLUME_RATIO_RANGE = (0.32, 0.99)  # a film neither gains volume nor was larger than what was poured
+VOLUME_RATIO_RANGE = (0.32, 0.99)  # a film neither gains volume nor exceeds its poured volume
 
 
 def weigh_moisture(
     table: pd.DataFrame, truth: Truth, generator: np.random.Generator
 ) -> pd.DataFrame:
-    r"""Weigh films that come out of the soil, moist and dry.
+    r"""Weigh unearthed films, moist and dry.
 
     .. math:: M_C = M_{C0} (1 - D_R(t)/100) + \sigma z, \quad M_0 = M_d / (1 - M_C/100)
 
@@ -309,7 +309,7 @@ def weigh_moisture(
     truth : Truth
         Course of degradation, moisture and its scatter.
     generator : numpy.random.Generator
-        Source of randomness.
+        Random generator.
 
     Returns
     -------
@@ -334,8 +334,8 @@ def weigh_shrinkage(
 ) -> pd.DataFrame:
     r"""Weigh films when poured, cured and conditioned.
 
-    A conditioned film holds as much water as undegraded films do; the cured one had the volume
-    :math:`V_1 = V_2/\alpha` and lost nothing but water since.
+    A conditioned film contains as much water as undegraded films; the cured one had the volume
+    :math:`V_1 = V_2/\alpha`, and has lost only water since.
 
     Parameters
     ----------
@@ -344,9 +344,9 @@ def weigh_shrinkage(
     truth : Truth
         Volume ratio, moisture, and their scatter.
     generator : numpy.random.Generator
-        Source of randomness.
+        Random generator.
     mixture : Mixture, optional
-        What is poured; default 2 : 1 : 8.
+        Poured mixture; default 2 : 1 : 8.
 
     Returns
     -------
@@ -384,15 +384,15 @@ def tear_films(
     truth : Truth
         Material, scatter, reading errors.
     generator : numpy.random.Generator
-        Source of randomness.
+        Random generator.
     effects : sequence of HiddenEffect
-        What is hidden in the stresses, in the order of application.
+        Effects hidden in the stresses, in the order of application.
 
     Returns
     -------
     tensile, breaks, films : pandas.DataFrame
-        The columns of ``tensile.csv`` and ``break.csv``, and the films as they really are.
-        Uniaxial readings at or above a film's own limit are not there.
+        The columns of ``tensile.csv`` and ``break.csv``, and the true films. Uniaxial readings at
+        or above a film's own limit are missing.
     """
     columns = list(SPECIMEN)
     both = pd.concat([design.tensile[columns], design.breaks[columns]])
@@ -461,7 +461,7 @@ def _stretch(
 def _film_conditions(
     table: pd.DataFrame, stretch: Floats, degradation: Floats, batches: Sequence[str]
 ) -> FilmConditions:
-    """Return what tests of films set and recorded, one row a reading."""
+    """Return conditions of film tests, one row per reading."""
     names = table["specimen_id"].astype(str)
     temperature: Floats = np.full(len(table), np.nan)
     if "temperature_C" in table:
@@ -478,7 +478,7 @@ def _film_conditions(
 
 
 class _Plan(NamedTuple):
-    """The rows of the design in the order of specimens, and as specimens by steps."""
+    """The rows of the design ordered by specimen, and as specimens by steps."""
 
     rows: pd.DataFrame
     names: pd.Series
@@ -500,9 +500,9 @@ def inflate_actuators(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Inflate actuators and read curvature and bend angle.
 
-    A specimen bursts at the first pressure at which its peak stretch exceeds its own limit
-    stretch, or at which the forward map finds no equilibrium; nothing is read from there on. A
-    reading at zero pressure has no error, since curvature is counted from it.
+    A specimen bursts at the first pressure at which its peak stretch exceeds its own limit stretch,
+    or for which the forward map finds no equilibrium; nothing is read from there on. A reading at
+    zero pressure has no error, since curvature is relative to it.
 
     Parameters
     ----------
@@ -511,23 +511,22 @@ def inflate_actuators(
     truth : Truth
         Material, scatter, reading errors.
     effects : sequence of HiddenEffect
-        What is hidden, in the order of application.
+        Hidden effects, in the order of application.
     forward : ForwardMap
         The mechanics; its own standard error is not added.
     generator : numpy.random.Generator
-        Source of randomness; how much is drawn depends on the design alone.
+        Random generator; the number of draws depends on the design only.
     breaking : Breaking
-        What is taken for the peak stretch.
+        Definition of the peak stretch.
     cavity_volume : bool
-        Whether the volume of the cavity is read as well.
+        Whether the volume of the cavity is read too.
     batches : sequence of str
-        Of `bayesdeg.data.batches.batch_order`.
+        From `bayesdeg.data.batches.batch_order`.
 
     Returns
     -------
     readings, specimens : pandas.DataFrame
-        The columns of ``actuator.csv``, and the actuators as they really are, with ``status``
-        saying how their solution ended.
+        The columns of ``actuator.csv``, and the true actuators, with ``status`` of their solution.
     """
     plan = _plan(table, truth, batches)
     asked: Asked = "cavity_volume" if cavity_volume else ""
@@ -539,7 +538,7 @@ def inflate_actuators(
 
 
 class _Tested(NamedTuple):
-    """Specimens as they really are, what they do, and where a wall breaks."""
+    """True specimens, their responses, and where a wall breaks."""
 
     specimens: pd.DataFrame
     prediction: Prediction
@@ -580,17 +579,17 @@ def press_tips(
     breaking: Breaking = BY_STRETCH,
     batches: Sequence[str] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    r"""Inflate actuators whose tips are held, and read the force.
+    r"""Inflate actuators with held tips, and read the force.
 
     .. math:: y = g F + \sqrt{f^2 + (s\,g F)^2}\; z
 
-    with g ``force_gain``, f ``force_noise_floor`` [N], s ``force_noise`` and z alike along the path
-    of pressure as errors of curvature are: the law of `bayesdeg.observations.force.HeldTip`. A
+    with g ``force_gain``, f ``force_noise_floor`` [N], s ``force_noise`` and z correlated along the
+    path of pressure like errors of curvature: the law of `bayesdeg.observations.force.HeldTip`. A
     reading at zero pressure has no error.
 
-    The test of a specimen ends below the pressure at which it would burst if its tip were free, or
-    to which no equilibrium leads. A tip that is held strains the walls by some 6 % less on the
-    mesh that was looked at, a coarse one (5 to 7 %, fresh and at 25 %).
+    A specimen's test ends below the pressure at which it would burst with a free tip, or at which
+    no equilibrium is found. A held tip strains the walls by some 6 % less on the one mesh examined,
+    a coarse one (5 to 7 %, fresh and at 25 %).
 
     Parameters
     ----------
@@ -599,32 +598,32 @@ def press_tips(
     truth : Truth
         Material, scatter, reading errors.
     effects : sequence of HiddenEffect
-        What is hidden, in the order of application.
+        Hidden effects, in the order of application.
     forward : ForwardMap
-        The mechanics, which answers ``tip_force``.
+        The mechanics, including ``tip_force``.
     generator : numpy.random.Generator
-        Source of randomness.
+        Random generator.
     breaking : Breaking
-        What is taken for the peak stretch.
+        Definition of the peak stretch.
     batches : sequence of str
-        Of `bayesdeg.data.batches.batch_order`.
+        From `bayesdeg.data.batches.batch_order`.
 
     Returns
     -------
     readings, specimens : pandas.DataFrame
-        The columns of ``force.csv``, and the actuators as they really are, with ``status`` saying
-        how their solution ended: that of the free tip, or ``held_tip_not_reached``.
+        The columns of ``force.csv``, and the true actuators, with ``status`` of their solution:
+        that of the free tip, or ``held_tip_not_reached``.
 
     Raises
     ------
     BayesdegError
-        If the forward map does not answer tip forces.
+        If the forward map does not predict tip forces.
     """
     plan = _plan(table, truth, batches)
     tested = _tested(plan, truth, effects, forward, generator, breaking=breaking, asked="tip_force")
     further = tested.prediction.further
     if further is None:
-        raise BayesdegError("the forward map of this experiment does not answer tip forces")
+        raise BayesdegError("the forward map of this experiment does not predict tip forces")
     over = tested.burst | ~np.isfinite(further.value)
     held = ~np.logical_or.accumulate(over, axis=1)[plan.mask]
     force = truth.force_gain * further.value[plan.mask]
@@ -641,16 +640,16 @@ def press_tips(
 
 
 class Bent(NamedTuple):
-    """What actuators do at each step of their tests, each (n_specimens, n_steps).
+    """Responses of actuators at each step of their tests, each (n_specimens, n_steps).
 
     Parameters
     ----------
     curvature, angle : array
-        Without errors of reading [1/m, °].
+        Without reading errors [1/m, °].
     burst : array of bool
         Whether a wall breaks at that pressure.
     volume : array, optional
-        Of the cavity less that at zero pressure [ml].
+        Cavity volume minus that at zero pressure [ml].
     """
 
     curvature: Floats
@@ -662,18 +661,18 @@ class Bent(NamedTuple):
 def read_actuators(
     table: pd.DataFrame, truth: Truth, bent: Bent, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Read actuators that are bent by a physics of its own, up to where they burst.
+    """Read actuators bent by separate physics, up to their rupture.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        As of `inflate_actuators`.
+        As in `inflate_actuators`.
     truth : Truth
-        Errors of reading.
+        Reading errors.
     bent : Bent
-        What the specimens do, in the order in which they first stand in the table.
+        Responses of the specimens, in order of first appearance in the table.
     generator : numpy.random.Generator
-        Source of randomness.
+        Random generator.
 
     Returns
     -------
@@ -763,7 +762,7 @@ def _conditions(
 def _demanded(
     forward: ForwardMap, breaking: Breaking, scatter: Floats, inputs: Inputs
 ) -> Prediction:
-    """Return what a forward map answers, its peak stretch as the criterion sees it."""
+    """Evaluate a forward map, with the peak stretch as defined by the criterion."""
     criterion, size_ratio = breaking
     return demanded(forward, inputs, criterion, scatter=scatter, size_ratio=size_ratio)
 
@@ -796,13 +795,13 @@ def _weakened(
     humidity: Floats,
     law: ScatterLaw,
 ) -> pd.DataFrame:
-    """Return specimens whose elongation limits are what the hidden effects leave of them."""
+    """Return specimens with elongation limits reduced by the hidden effects."""
     acting = [hidden for hidden in effects if hidden.cause.on_strength is not None]
     if not acting:
         return specimens
     level = specimens["degradation_pct"].to_numpy()[None]
     median = truth.limit_stretch(level) - 1.0
-    scatter = max(truth.elongation_scatter, 1e-12)  # of walls that are all alike
+    scatter = max(truth.elongation_scatter, 1e-12)  # for identical walls
     strength = Strength(median, np.full(level.shape, scatter), law)
     elongation = specimens["limit_stretch"].to_numpy() - 1.0
     z = np.log(elongation / median) / scatter
@@ -866,7 +865,7 @@ def _normals(
 ) -> tuple[Floats, Floats]:
     """Draw the errors of curvature and bend angle in their standard deviations, each (n,).
 
-    Both are alike along the path of pressure, and correlated in one picture.
+    Both are correlated along the path of pressure, and with each other in a picture.
     """
     specimen = rows["specimen_id"]
     steps = rows["pressure_kPa"].groupby(specimen, sort=False).diff().abs().fillna(0.0)
@@ -886,7 +885,7 @@ def _normals(
 
 @dataclass(frozen=True)
 class VirtualExperiment:
-    """What a virtual experiment recorded, and what was true.
+    """Records of a virtual experiment, and the truth.
 
     Parameters
     ----------
@@ -896,12 +895,12 @@ class VirtualExperiment:
     truth : Truth
         The material and the errors.
     effects : tuple of HiddenEffect
-        What was hidden.
+        Hidden effects.
     actuators, films : pandas.DataFrame
-        By ``specimen_id``: ``degradation_pct``, ``ln_stiffness``, ``limit_stretch`` as they
-        really were; of actuators also ``status``, how their solution ended.
+        True values by ``specimen_id``: ``degradation_pct``, ``ln_stiffness``, ``limit_stretch``;
+        for actuators also ``status`` of their solution.
     blocked : pandas.DataFrame, optional
-        The same of actuators whose tip was held, which are others.
+        The same for actuators with held tips, which are separate specimens.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -923,24 +922,24 @@ def run_experiment(
     generator: np.random.Generator,
     effects: Sequence[HiddenEffect] = (),
 ) -> VirtualExperiment:
-    """Make every test of a design.
+    """Run every test of a design.
 
-    Each kind of test has its own stream of random numbers, so that with one seed films and errors
-    are the same whatever is hidden.
+    Each kind of test has its own random stream, so that with one seed films and errors are the same
+    whatever is hidden.
 
     Parameters
     ----------
     design : Design
-        What is tested.
+        The tests.
     truth : Truth
-        What is tested really is.
+        The true material and errors.
     forward : ForwardMap
         The mechanics, called once for all actuators; the fine finite element model if the
-        experiment is to stand for a real one.
+        experiment replaces a real one.
     generator : numpy.random.Generator
-        Source of all randomness.
+        Random generator.
     effects : sequence of HiddenEffect
-        What is hidden, in actuators and in the stresses of films.
+        Effects hidden in actuators and in the stresses of films.
 
     Returns
     -------
@@ -990,19 +989,19 @@ def experiment_with(
     *,
     press: Inflate | None = None,
 ) -> VirtualExperiment:
-    """Make every test of a design, actuators being inflated as the caller says.
+    """Run every test of a design, with actuators inflated by the caller.
 
     Parameters
     ----------
     design, truth, generator
-        As of `run_experiment`.
+        As in `run_experiment`.
     inflate : callable
-        From a source of randomness to the columns of ``actuator.csv``, and the actuators as they
-        really are, as `inflate_actuators` returns them.
+        From a random generator to the columns of ``actuator.csv``, and the true actuators, as
+        `inflate_actuators` returns them.
     effects : tuple of HiddenEffect
-        What is hidden in the stresses of films, in the order of application.
+        Effects hidden in the stresses of films, in the order of application.
     press : callable, optional
-        The same for ``force.csv``, as `press_tips` returns them; default: there is none.
+        The same for ``force.csv``, as `press_tips` returns them; default: none.
     """
     tear, pressed, moisture, shrinkage = generator.spawn(4)
     tensile, breaks, films = tear_films(design, truth, tear, effects)
@@ -1018,7 +1017,7 @@ def experiment_with(
     }
     blocked = None
     if press is not None:
-        [source] = generator.spawn(1)  # after all others, which are the same with and without
+        [source] = generator.spawn(1)  # after all others, so that these do not change
         tables[TIP_FORCES.name], blocked = press(source)
     tables = {name: _in_order_of_contract(name, table) for name, table in tables.items()}
     return VirtualExperiment(tables, truth, effects, actuators, films, blocked)

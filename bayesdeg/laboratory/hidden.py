@@ -1,8 +1,8 @@
-"""What is hidden in the studies of a benchmark, and what a method says of them: files and faults.
+"""Hidden effects of benchmark studies, and a method's answers: files and their faults.
 
-Truths and answers have a row for each study. What a method says is a product of sets: one cause of
-each set acts, so that ``[["creep", "mullins"], ["gravity"]]``, in a cell ``creep|mullins;gravity``,
-is "creep or mullins, and gravity besides".
+Truths and answers have one row per study. An answer is a product of sets: one cause of each set
+acts, so ``[["creep", "mullins"], ["gravity"]]``, in a cell ``creep|mullins;gravity``, means "creep
+or mullins, and also gravity".
 """
 
 import json
@@ -27,28 +27,28 @@ NEEDED = ("study", "outcome", "causes")
 COLUMNS = (*NEEDED, "p_value", "sizes", "probabilities")
 #: No study hides more than two causes; more sets than this have too many combinations.
 MOST_SETS = 4
-#: Outcomes that say causes; the others say none.
+#: Outcomes with causes; the others have none.
 SAYING = (Outcome.NAMED, Outcome.AMBIGUOUS)
 _SIZE = re.compile(r"(?P<name>[^=]+)=(?P<mean>[^\[\]]+)\[(?P<low>[^:\]]+):(?P<high>[^\]]+)\]")
 _AS_SIZE = "write cause.parameter=mean[q05:q95], such as pressure_offset.offset=14[13.2:14.8]"
 _AS_PROBABILITY = "write cause=probability, such as creep=0.9;mullins=0.1"
-_AS_LINE = "write one JSON object a line, as docs/schemas has it"
+_AS_LINE = "write one JSON object per line, as in docs/schemas"
 
 
 class Origin(StrEnum):
-    """By what an effect got into a study."""
+    """How an effect was planted in a study."""
 
     NOTHING = "nothing"
     RULE = "rule"
-    """The function of the catalogue by which bayesdeg itself explains data."""
+    """By the catalogue's own function, with which bayesdeg explains data."""
     PHYSICS = "physics"
-    """A cause of the catalogue, planted by a field of material that was solved, not by its rule."""
+    """A cause of the catalogue, planted by a solved material field, not by its rule."""
     OUTSIDE = "outside"
-    """No entry of the catalogue."""
+    """An effect without an entry in the catalogue."""
 
 
 class HiddenTruth(FileRecord):
-    """A line of the file of truths.
+    """One line of the truth file.
 
     Examples
     --------
@@ -57,27 +57,27 @@ class HiddenTruth(FileRecord):
     (('creep',), False)
     """
 
-    study: NeededText = Field(description="name of its folder")
-    origin: Origin = Field(description="by what the effect got into the study")
-    design: Words = Field(default="", description="of its tests")
+    study: NeededText = Field(description="name of the study folder")
+    origin: Origin = Field(description="how the effect was planted in the study")
+    design: Words = Field(default="", description="design of the tests")
     hidden: Mapping[str, Numbers] = Field(
         default={}, description="true sizes by cause and parameter, in the units of the catalogue"
     )
     visible: Numbers = Field(
         default={},
-        description="by cause: its size after a refit of all else, in standard deviations of noise "
-        "and scatter; `together` of two",
+        description="visibility by cause: its size after a refit of everything else, in standard "
+        "deviations of noise and scatter; `together` for two",
     )
-    mechanism: Words = Field(default="", description="of what has no entry in the catalogue")
+    mechanism: Words = Field(default="", description="of an effect outside the catalogue")
 
     @property
     def causes(self) -> tuple[str, ...]:
-        """Names of what is hidden."""
+        """Names of the hidden causes."""
         return tuple(self.hidden)
 
     @property
     def is_outside(self) -> bool:
-        """Whether what is hidden has no entry in the catalogue."""
+        """Whether the hidden effect has no entry in the catalogue."""
         return self.origin is Origin.OUTSIDE
 
 
@@ -90,7 +90,7 @@ class StatedSize(Record):
 
 
 class HiddenAnswer(FileRecord):
-    """What a method says of one study: a line of JSON, or a row of CSV with the same content.
+    """A method's answer for one study: a line of JSON, or a CSV row of the same content.
 
     Examples
     --------
@@ -99,23 +99,23 @@ class HiddenAnswer(FileRecord):
     'creep|mullins'
     """
 
-    study: NeededText = Field(description="name of its folder")
-    outcome: Outcome = Field(description="named and ambiguous say causes, the others say none")
+    study: NeededText = Field(description="name of the study folder")
+    outcome: Outcome = Field(description="outcome; only named and ambiguous have causes")
     sets: tuple[Names, ...] = Field(
-        default=(), description="product of sets: of each one cause acts"
+        default=(), description="product of sets: one cause of each set acts"
     )
     alternatives: tuple[Names, ...] = Field(
-        default=(), description="instead of sets: the combinations, of which one acts as a whole"
+        default=(), description="instead of sets: combinations of causes, one of which acts"
     )
-    p_value: Number = Field(default=None, description="of the misfit without a cause")
-    sizes: Mapping[str, StatedSize] = Field(default={}, description="by cause.parameter")
+    p_value: Number = Field(default=None, description="p-value of the misfit without a cause")
+    sizes: Mapping[str, StatedSize] = Field(default={}, description="sizes by cause.parameter")
     probabilities: Numbers = Field(
-        default={}, description="that a cause acts, by cause; 0 where it is not listed"
+        default={}, description="probability that a cause acts, by cause; 0 if not listed"
     )
 
 
 def sets_text(sets: Iterable[Iterable[str]]) -> str:
-    """Return a product of sets as it stands in a cell.
+    """Return a product of sets as written in a cell.
 
     Examples
     --------
@@ -126,12 +126,12 @@ def sets_text(sets: Iterable[Iterable[str]]) -> str:
 
 
 def parse_sets(text: str) -> Sets:
-    """Return the product of sets that a cell holds; none in an empty cell.
+    """Return the product of sets in a cell; empty for an empty cell.
 
     Raises
     ------
     ValueError
-        If a name is missing between two signs.
+        If a name is missing between two separators.
 
     Examples
     --------
@@ -147,19 +147,19 @@ def parse_sets(text: str) -> Sets:
 
 
 def read_answers(content: bytes, file: str) -> tuple[HiddenAnswer, ...]:
-    r"""Read what a method says, from CSV or JSON lines.
+    r"""Read a method's answers from CSV or JSON lines.
 
     Parameters
     ----------
     content : bytes
         The file.
     file : str
-        Its name, for faults; by its ending it is JSON lines or CSV with `COLUMNS`.
+        Its name, for faults; the ending decides between JSON lines and CSV with `COLUMNS`.
 
     Raises
     ------
     StudyError
-        With every fault of it.
+        Lists every fault of the file.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def read_answers(content: bytes, file: str) -> tuple[HiddenAnswer, ...]:
     >>> read_answers(b"study,outcome,causes\n0001,named,crep\n", "answers.csv")
     Traceback (most recent call last):
     ...
-    bayesdeg.errors.StudyError: answers.csv, row 2, column causes, value 'crep': is no cause; ...
+    bayesdeg.errors.StudyError: answers.csv, row 2, column causes, value 'crep': is not a cause; ...
     """
     faults: list[Fault] = []
     rows = _rows(content, file, faults)
@@ -176,7 +176,7 @@ def read_answers(content: bytes, file: str) -> tuple[HiddenAnswer, ...]:
 
 
 def read_truths(content: bytes, file: str) -> tuple[HiddenTruth, ...]:
-    r"""Read what is hidden, from JSON lines.
+    r"""Read the truths from JSON lines.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def read_truths(content: bytes, file: str) -> tuple[HiddenTruth, ...]:
     Raises
     ------
     StudyError
-        With every fault of it.
+        Lists every fault of the file.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def _sound[T: (HiddenAnswer, HiddenTruth)](
     file: str,
     faults: list[Fault],
 ) -> tuple[T, ...]:
-    """Return the records of rows, one a study; raise with every fault of them."""
+    """Return the records of rows, one per study; raise an error with all their faults."""
     found: list[tuple[int, T]] = []
     for row, content in rows:
         record = _record(kind, content, file, row, faults)
@@ -232,14 +232,14 @@ def lines_of(records: Iterable[FileRecord]) -> str:
 
 
 def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Iterator[Fault]:
-    """Yield what cannot be meant by an answer that is well formed.
+    """Yield contradictions in a well-formed answer.
 
     Parameters
     ----------
     answer : HiddenAnswer
-        As it was read.
+        The answer as read.
     file, row
-        Where, for the faults.
+        Its place, for the faults.
     """
 
     def fault(column: str, value: object, problem: str, remedy: str) -> Fault:
@@ -249,18 +249,18 @@ def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Ite
     said = [name for names in groups for name in names]
     for name in dict.fromkeys(said):
         if name not in CATALOGUE:
-            yield fault("causes", name, "is no cause", use_one_of(name, CATALOGUE))
+            yield fault("causes", name, "is not a cause", use_one_of(name, CATALOGUE))
         elif any(names.count(name) > 1 for names in groups):
             yield fault("causes", name, "is twice in a set", "give it once")
     if len(answer.sets) > MOST_SETS:
-        yield fault("causes", len(answer.sets), "are too many sets", f"say {MOST_SETS} at most")
+        yield fault("causes", len(answer.sets), "are too many sets", f"give at most {MOST_SETS}")
     if answer.sets and answer.alternatives:
-        yield fault("alternatives", len(answer.alternatives), "stand beside sets", "give one")
+        yield fault("alternatives", len(answer.alternatives), "are given besides sets", "give one")
     if not all(groups):
-        yield fault("causes", "", "has an empty set", "leave it out")
+        yield fault("causes", "", "has an empty set", "remove it")
     if bool(said) != (answer.outcome in SAYING):
-        word = "says causes" if said else "says no cause"
-        remedy = "named and ambiguous say causes, the other outcomes say none"
+        word = "names causes" if said else "names no cause"
+        remedy = "named and ambiguous need causes, the other outcomes have none"
         yield fault("outcome", answer.outcome, f"does not fit a row that {word}", remedy)
     chances = {"p_value": answer.p_value}
     for column, value in (
@@ -268,10 +268,10 @@ def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Ite
     ).items():
         if value is not None and not 0.0 <= value <= 1.0:
             remedy = "give a number from 0 to 1"
-            yield fault(column.split()[0], value, "is no probability", remedy)
+            yield fault(column.split()[0], value, "is not a probability", remedy)
     for name in answer.probabilities:
         if name not in CATALOGUE:
-            yield fault("probabilities", name, "is no cause", use_one_of(name, CATALOGUE))
+            yield fault("probabilities", name, "is not a cause", use_one_of(name, CATALOGUE))
     for name, size in answer.sizes.items():
         yield from (fault("sizes", name, *why) for why in _wrong_size(name, size))
 
@@ -280,20 +280,20 @@ def _wrong_size(name: str, size: StatedSize) -> Iterator[tuple[str, str]]:
     cause, _, parameter = name.partition(".")
     known = [p.name for p in CATALOGUE[cause].parameters] if cause in CATALOGUE else []
     if not known:
-        yield "is of no cause", use_one_of(cause, CATALOGUE)
+        yield "is not of a known cause", use_one_of(cause, CATALOGUE)
     elif parameter not in known:
-        yield "is no parameter of it", use_one_of(parameter, known)
+        yield "is not a parameter of this cause", use_one_of(parameter, known)
     if size.q05 is None or size.q95 is None or size.q05 > size.q95:
-        yield "has no interval", f"give q05 and q95, the first not above the second; {_AS_SIZE}"
+        yield "has no interval", f"give q05 and q95, with q05 ≤ q95; {_AS_SIZE}"
 
 
 def _wrong_truth(truth: HiddenTruth, file: str, row: int) -> Iterator[Fault]:
     for name in truth.causes:
         if not truth.is_outside and name not in CATALOGUE:
             remedy = use_one_of(name, CATALOGUE)
-            yield Fault(file, "is no cause", remedy, row, "hidden", name)
+            yield Fault(file, "is not a cause", remedy, row, "hidden", name)
     if bool(truth.hidden) == (truth.origin is Origin.NOTHING):
-        remedy = f"{Origin.NOTHING} is of studies in which nothing is hidden, and of these alone"
+        remedy = f"{Origin.NOTHING} is for studies in which nothing is hidden, and only for these"
         yield Fault(file, "does not fit what is hidden", remedy, row, "origin", truth.origin)
 
 
@@ -301,17 +301,17 @@ def _twice(rows: Iterable[tuple[int, str]], file: str) -> Iterator[Fault]:
     first: dict[str, int] = {}
     for row, study in rows:
         if study in first:
-            problem = f"is on row {first[study]} too"
-            yield Fault(file, problem, "keep one row for each study", row, "study", study)
+            problem = f"is also on row {first[study]}"
+            yield Fault(file, problem, "keep one row per study", row, "study", study)
         first.setdefault(study, row)
     if not first:
-        yield Fault(file, "has no study", "give one row for each study")
+        yield Fault(file, "has no study", "give one row per study")
 
 
 def _record[Kind: FileRecord](
     kind: type[Kind], content: object, file: str, row: int, faults: list[Fault]
 ) -> Kind | None:
-    """Return a record; where it is none, the fault is added."""
+    """Return a record, or add its fault."""
     try:
         return kind.read(content)
     except RecordError as fault:
@@ -347,7 +347,7 @@ def _wrong_header(cells: Cells) -> list[Fault]:
         if name not in names and nearest(name, names) is None
     ]  # fmt: skip
     unknown = [
-        Fault(cells.file, "is no column of answers", use_one_of(name, COLUMNS),
+        Fault(cells.file, "is not a column of answers", use_one_of(name, COLUMNS),
               cells.header_row, name)
         for name in names
         if name not in COLUMNS
@@ -358,7 +358,7 @@ def _wrong_header(cells: Cells) -> list[Fault]:
 def _of_cells(
     file: str, row: int, texts: Mapping[str, str], faults: list[Fault]
 ) -> Iterator[tuple[int, object]]:
-    """Yield a row of CSV as the object that a line of JSON would hold; none if it is at fault."""
+    """Yield a CSV row as the equivalent JSON object; nothing if it has a fault."""
     found: dict[str, object] = {}
     wrong = []
     for name in COLUMNS:
@@ -382,7 +382,7 @@ def _needed(text: str) -> str:
 
 def _outcome(text: str) -> str:
     if text not in list(Outcome):
-        raise ValueError(f"is no outcome; {use_one_of(text, list(Outcome))}")
+        raise ValueError(f"is not an outcome; {use_one_of(text, list(Outcome))}")
     return text
 
 
@@ -426,7 +426,7 @@ _PARSED: Mapping[str, tuple[str, Callable[[str], object]]] = {
     "sizes": ("sizes", _sizes),
     "probabilities": ("probabilities", _probabilities),
 }
-"""By column: the key of the record, and what reads the cell."""
+"""By column: the key of the record, and the reader of the cell."""
 
 
 def _lines(content: bytes, file: str, faults: list[Fault]) -> Iterator[tuple[int, object]]:
@@ -442,4 +442,4 @@ def _lines(content: bytes, file: str, faults: list[Fault]) -> Iterator[tuple[int
             yield row, parse_json(line)
         except ValueError as fault:
             faults.append(Fault(file, f"is no JSON ({fault})", _AS_LINE, row))
-            return  # a document of many lines would have a fault in each
+            return  # a document over many lines would have a fault in each

@@ -1,16 +1,16 @@
-r"""How well a method says what is hidden in studies: shares with intervals, and a matrix.
+r"""Score a method's answers about hidden effects: shares with intervals, and a matrix.
 
-A method says a product of sets :math:`S_1 \times \dots \times S_k`, see
-`bayesdeg.laboratory.hidden`. It is *right* if what is hidden is one of the combinations
+An answer is a product of sets :math:`S_1 \times \dots \times S_k`, see
+`bayesdeg.laboratory.hidden`. It is *right* if the hidden causes are one of the combinations
 
 .. math:: C = \{\{s_1, \dots, s_k\} : s_i \in S_i,\ \text{all different}\};
 
-nothing hidden asks for ``adequate``, an effect without an entry for ``unexplained``. Who names
-everything would be right always and say nothing, so what counts is the *credit*
-:math:`[\text{right}]/|C|`, the chance of the truth for one who draws a combination.
+Studies without a hidden effect require ``adequate``, an effect without an entry ``unexplained``.
+Naming everything would always be right but uninformative, so the main score is the *credit*
+:math:`[\text{right}]/|C|`, the probability of the truth when a combination is drawn at random.
 
-Shares have Wilson's 95 % interval, which holds for a mean of credits too: the variance of what lies
-between 0 and 1 is largest if it is 0 or 1.
+Shares have Wilson's 95 % interval, which also holds for a mean of credits: values between 0 and 1
+have the largest variance if they are 0 or 1.
 """
 
 from collections import Counter
@@ -31,10 +31,10 @@ Pair = tuple[HiddenAnswer, HiddenTruth]
 Judged = Callable[[HiddenAnswer, HiddenTruth], float]
 
 LEVEL = 0.95
-#: Size of an effect after a refit of all else from which a test must see it [standard deviations]:
-#: more than twice what noise alone gives any one effect.
+#: Size of an effect after a refit of everything else from which a test must detect it [standard
+#: deviations]: more than twice what noise alone gives any one effect.
 VISIBLE = 5.0
-#: p-value up to which a test of no misfit is counted as rejecting, where nothing is hidden.
+#: p-value up to which a test counts as rejecting, where nothing is hidden.
 REJECTED = 0.05
 #: Faults of missing studies that are listed one by one.
 MOST_LISTED = 5
@@ -56,15 +56,15 @@ class ScoredShare(Record):
 
     name: Text
     meaning: Text
-    count: Number = Field(default=None, description="studies, or the sum of their credits")
-    studies: int = Field(description="of how many")
+    count: Number = Field(default=None, description="number of studies, or sum of their credits")
+    studies: int = Field(description="total number of studies")
     share: Number = None
-    low: Number = Field(default=None, description="end of Wilson's 95 % interval")
+    low: Number = Field(default=None, description="lower end of Wilson's 95 % interval")
     high: Number = None
 
 
 class ScoredSizes(Record):
-    """Of sizes of causes that are hidden, in studies that are answered right."""
+    """Sizes of hidden causes, in correctly answered studies."""
 
     inside_90: ScoredShare
     relative_width: Number = Field(
@@ -73,7 +73,7 @@ class ScoredSizes(Record):
 
 
 class ScoredProbabilities(Record):
-    r"""Of probabilities that causes act: the Brier score and that of the base rates.
+    r"""Probabilities that causes act: the Brier score and that of the base rates.
 
     .. math:: B = \frac1N \sum_{n=1}^N \sum_c (p_{nc} - [c \text{ is hidden in } n])^2
 
@@ -85,27 +85,27 @@ class ScoredProbabilities(Record):
     studies: int
     brier: Number = None
     brier_of_base_rates: Number = Field(
-        default=None, description="of one who says in each study how often each cause is hidden"
+        default=None, description="Brier score of the overall frequencies of hidden causes"
     )
 
 
 class Score(FileRecord):
-    """The content of ``score.json``: how well a method says what is hidden."""
+    """The content of ``score.json``: how well a method identifies hidden effects."""
 
     studies: int
-    credit: ScoredShare = Field(description="what methods are ranked by")
+    credit: ScoredShare = Field(description="the score that ranks methods")
     shares: tuple[ScoredShare, ...]
     causes_said: Number = Field(
         default=None,
-        description="mean number of causes said for each hidden one, in studies with a hidden "
-        "cause that are answered right; 1 is least",
+        description="mean number of causes named per hidden one, in correctly answered studies "
+        "with a hidden cause; at least 1",
     )
-    sizes: ScoredSizes | None = Field(default=None, description="null if no size is stated")
+    sizes: ScoredSizes | None = Field(default=None, description="null if no sizes are given")
     probabilities: ScoredProbabilities | None = Field(
-        default=None, description="null if none is stated"
+        default=None, description="null if none are given"
     )
     matrix: Mapping[str, Numbers] = Field(
-        description="isolability: how often what was said, by what was hidden alone"
+        description="isolability: counts of answers, by the single hidden effect"
     )
 
     def share(self, name: str) -> ScoredShare:
@@ -114,12 +114,12 @@ class Score(FileRecord):
         Raises
         ------
         KeyError
-            If there is none.
+            If the name is unknown.
         """
         return {one.name: one for one in self.shares}[name]
 
     def cells(self) -> Iterator[tuple[str, str, ScoredShare]]:
-        """Yield the isolability matrix: what was hidden, what was said, and how often."""
+        """Yield the isolability matrix: hidden effect, answer, and share."""
         for hidden, said in self.matrix.items():
             studies = int(sum(count or 0.0 for count in said.values()))
             for column in SAID:
@@ -134,10 +134,9 @@ def wilson(count: float, studies: int) -> tuple[float, float]:
     Parameters
     ----------
     count : float
-        p n; a sum of numbers between 0 and 1, for which the interval is no narrower than it needs
-        to be.
+        p n; for a sum of numbers between 0 and 1 the interval is conservative.
     studies : int
-        n; nothing is known if it is 0.
+        n; for 0 the interval is (0, 1).
 
     References
     ----------
@@ -158,7 +157,7 @@ def wilson(count: float, studies: int) -> tuple[float, float]:
 
 
 def is_right(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
-    """Return whether what is said holds what is hidden, and nothing besides.
+    """Return whether an answer contains the hidden causes, and no others.
 
     Examples
     --------
@@ -177,7 +176,7 @@ def is_right(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
 
 
 def said_by(answer: HiddenAnswer) -> set[frozenset[str]]:
-    """Return the combinations of causes that an answer allows; none where it says no cause.
+    """Return the combinations of causes that an answer allows; empty if it names no cause.
 
     Examples
     --------
@@ -191,7 +190,7 @@ def said_by(answer: HiddenAnswer) -> set[frozenset[str]]:
 
 
 def combinations(sets: Sequence[Sequence[str]]) -> set[frozenset[str]]:
-    """Return the combinations of causes of which a product of sets says that one acts.
+    """Return the combinations of causes allowed by a product of sets.
 
     Examples
     --------
@@ -203,7 +202,7 @@ def combinations(sets: Sequence[Sequence[str]]) -> set[frozenset[str]]:
 
 
 def credit(answer: HiddenAnswer, truth: HiddenTruth) -> float:
-    """Return the credit: 1 over the number of combinations said, 0 if it is not right.
+    """Return the credit: 1 over the number of combinations, 0 if the answer is wrong.
 
     Examples
     --------
@@ -215,7 +214,7 @@ def credit(answer: HiddenAnswer, truth: HiddenTruth) -> float:
 
 
 def says_false(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
-    """Return whether all combinations said hold a cause that is not hidden: it would be mended."""
+    """Return whether every combination contains a cause that is not hidden, a false repair."""
     allowed = said_by(answer)
     return bool(allowed) and not any(one <= set(truth.hidden) for one in allowed)
 
@@ -233,22 +232,22 @@ def said(answer: HiddenAnswer, truth: HiddenTruth) -> str:
 
 
 def score(answers: Iterable[HiddenAnswer], truths: Iterable[HiddenTruth], file: str = "") -> Score:
-    """Score what a method says of every study.
+    """Score a method's answers to all studies.
 
     Parameters
     ----------
     answers : iterable of HiddenAnswer
-        One for each study, in any order.
+        One per study, in any order.
     truths : iterable of HiddenTruth
-        What is hidden.
+        The truths.
     file : str
-        Where the answers are from, for faults.
+        Source of the answers, for faults.
 
     Raises
     ------
     StudyError
-        If a study has no answer, or an answer no study: shares of those that a method likes to
-        answer would say nothing.
+        If a study has no answer, or an answer no study: shares over selected studies would be
+        meaningless.
 
     Examples
     --------
@@ -282,7 +281,7 @@ def _paired(
             file, "has no answer", "answer every study", [n for n in known if n not in said_of]
         ),
         *_listed(
-            *(file, "is no study of the truths", "answer the studies of the data set"),
+            *(file, "is not a study of the truths", "answer the studies of the data set"),
             sorted(set(said_of) - set(known)),
         ),
     ]
@@ -295,7 +294,7 @@ def _listed(file: str, problem: str, remedy: str, studies: Sequence[str]) -> Ite
     for study in studies[:MOST_LISTED]:
         yield Fault(file, problem, remedy, column="study", value=study)
     if left := len(studies) - MOST_LISTED if len(studies) > MOST_LISTED else 0:
-        yield Fault(file, f"{problem}, as {left} more", remedy, column="study")
+        yield Fault(file, f"{problem}, like {left} more", remedy, column="study")
 
 
 def _kind(truth: HiddenTruth) -> str:
@@ -368,7 +367,7 @@ def _rejected(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
 
 
 def _least(truth: HiddenTruth) -> float | None:
-    """Return how far the fainter of the hidden effects shows; None if that is not known."""
+    """Return the visibility of the weakest hidden effect; None if unknown."""
     known = [size for size in truth.visible.values() if size is not None]
     return min(known, default=None)
 
@@ -408,7 +407,7 @@ def _sizes(pairs: Sequence[Pair]) -> ScoredSizes | None:
 
 
 def _probabilities(pairs: Sequence[Pair]) -> ScoredProbabilities | None:
-    """Return scores of the probabilities; None where a method gives none."""
+    """Return scores of the probabilities; None if a method gives none."""
     if not any(answer.probabilities for answer, _ in pairs):
         return None
     rates = Counter(name for _, truth in pairs for name in truth.hidden if name in CATALOGUE)

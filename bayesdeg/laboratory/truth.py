@@ -1,4 +1,4 @@
-"""What nobody in a virtual experiment knows: material, effects, specimens as they really are."""
+"""The hidden truth of a virtual experiment: material, effects and specimens."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -23,19 +23,19 @@ Floats = npt.NDArray[np.float64]
 Three = tuple[float, float, float]
 
 TRUTH_NODES = NODES[2]
-LEAST_MIDDLE = (0.1, 0.003)  # of the middle Bernstein coefficients of C1 and C3 [MPa]
-LARGEST_SHARE = 0.8  # of that of C2 over √(3 C1 C3): from −1 on the material is unstable
+LEAST_MIDDLE = (0.1, 0.003)  # lower bounds of the middle Bernstein coefficients of C1 and C3 [MPa]
+LARGEST_SHARE = 0.8  # of |C2|'s over √(3 C1 C3), likewise: C2 from −1 on is unstable
 FARTHEST = 5.0  # size of an effect over the 99.8 % range of its prior
-LARGEST_DEGRADATION = 30.0  # recorded 25 %, its error, and a misreading on top [%]
+LARGEST_DEGRADATION = 30.0  # 25 % recorded, plus its error and a misreading [%]
 
 
 @dataclass(frozen=True)
 class Truth:
-    r"""A material with its scatter, and the errors with which it is read.
+    r"""A material with its scatter and reading errors.
 
     The defaults agree with the published statistics: Young's modulus 6 C1 of 1.73 MPa fresh and
     5.5 times that at 25 %, elongation at break 209.8 % fresh and a quarter of it at 25 %, volume
-    ratio 0.62. C2 and C3 have not been published; theirs are assumed, stable and negative in C2.
+    ratio 0.62. C2 and C3 are unpublished; they are assumed, stable and with negative C2.
 
     Parameters
     ----------
@@ -44,42 +44,42 @@ class Truth:
     elongation : tuple of float
         Median elongation at break at the same degradation rates [%].
     elongation_scatter : float
-        Standard deviation of the log elongation at break from specimen to specimen.
+        Standard deviation of the log elongation at break between specimens.
     stiffness_scatter : float
-        Standard deviation of ln stiffness from specimen to specimen.
+        Standard deviation of ln stiffness between specimens.
     degradation_sd : float
-        Standard error of the degradation rate of a degraded specimen, where the design states
-        none [%].
+        Standard error of the degradation rate of a degraded specimen, if the design states none
+        [%].
     volume_ratio, volume_ratio_scatter : float
-        α, and its standard deviation from film to film.
+        α, and its standard deviation between films.
     paper_stiffness : float
         Et of the paper [N/m].
     paper_thickness : float
-        From which its bending stiffness follows [mm].
+        Thickness of the paper, which gives its bending stiffness [mm].
     curvature_noise_floor, curvature_noise : float
         Reading error of the curvature: constant [1/m] and proportional, added in quadrature.
     bend_angle_noise_floor, bend_angle_noise : float
-        The same of the bend angle [°]; the constant one is 0.1 1/m over a length of 43 mm.
+        The same for the bend angle [°]; the constant one is 0.1 1/m over a length of 43 mm.
     volume_noise_floor, volume_noise : float
-        The same of the volume of the cavity [ml]: half a graduation of a syringe of 1 ml.
+        The same for the cavity volume [ml]: half a graduation of a syringe of 1 ml.
     force_gain : float
-        Blocked tip force as the load cell reads it over the force that there is [–].
+        Blocked tip force read by the load cell over the true force [–].
     force_noise_floor, force_noise : float
-        Reading error of that force [N]: load cells for a newton resolve some millinewtons.
+        Reading error of that force [N]: load cells for 1 N resolve some millinewtons.
     tensile_noise_floor, tensile_noise : float
-        The same of the stress [MPa].
+        The same for the stress [MPa].
     curvature_noise_length, tensile_noise_length : float
-        Path of pressure [kPa] and of stretch [–] along which reading errors stay alike, those of
-        bend angle, volume and tip force as those of the curvature; 0 if they are independent.
+        Correlation length of reading errors along the path of pressure [kPa] and of stretch [–];
+        the former also for bend angle, volume and tip force; 0 if errors are independent.
     reading_correlation : float
-        Correlation of the errors of curvature and bend angle that are read from one picture.
+        Correlation of the errors of curvature and bend angle read from one picture.
     degradation_limit, time_constant : float
         D_∞ [%] and τ [h] of D_R = D_∞ (1 − exp(−t/τ)).
     dimensions : mapping of str to float
-        Those of the actuator as moulded that a study leaves open [mm].
+        Dimensions of the moulded actuator that a study leaves uncertain [mm].
     moisture_initial, moisture_scatter : float
-        Wet-basis moisture content of undegraded films, and its standard deviation from film to
-        film [%].
+        Wet-basis moisture content of undegraded films, and its standard deviation between films
+        [%].
 
     References
     ----------
@@ -149,10 +149,10 @@ class Truth:
         )
 
     def is_within_trends(self) -> bool:
-        """Return whether the trends of a calibration pass through the constants.
+        """Return whether calibration trends can represent the constants.
 
-        Those are quadratics whose Bernstein coefficients keep C1 and C3 positive and the material
-        stable. Other stable materials exist, but a misfit to them would be that of the trend.
+        Those trends are quadratics whose Bernstein coefficients keep C1 and C3 positive and the
+        material stable. Other stable materials would cause a misfit due to the trend.
         """
         c1, c3 = np.array(self.c1), np.array(self.c3)
         c2 = np.array(self.c2_ratio) * np.sqrt(3.0 * c1 * c3)
@@ -162,7 +162,7 @@ class Truth:
         return bool(abs(second) < LARGEST_SHARE * np.sqrt(3.0 * first * third))
 
     def named(self) -> dict[str, float]:
-        """Return every value by the name that a calibrated parameter of the like meaning has.
+        """Return every value by the name of the corresponding calibrated parameter.
 
         Examples
         --------
@@ -182,16 +182,16 @@ class Truth:
 
 
 def drawn_truth(generator: np.random.Generator) -> Truth:
-    """Draw a truth about the reference; materials unstable or beyond all trends are drawn anew.
+    """Draw a truth about the reference; redraw materials unstable or beyond the trends.
 
     Standard deviations: 0.15 of ln C1 and 0.25 of ln C3 at each node, 0.05 of the ratio of C2 at
-    each node, 0.04 of the volume ratio, 0.4 of the log stiffness of the paper. A third is drawn
-    anew, which leaves 0.21 of ln C3 at 12.5 and 25 %, and moves its mean there by ±0.1.
+    each node, 0.04 of the volume ratio, 0.4 of the log stiffness of the paper. A third is redrawn,
+    which leaves 0.21 of ln C3 at 12.5 and 25 %, and shifts its mean there by ±0.1.
 
     Parameters
     ----------
     generator : numpy.random.Generator
-        Source of randomness.
+        Random generator.
 
     Returns
     -------
@@ -233,7 +233,7 @@ class HiddenEffect:
     Parameters
     ----------
     cause : Cause
-        What acts.
+        The acting cause.
     values : mapping of str to float
         By the parameters' short names, each in its unit.
     """
@@ -243,7 +243,7 @@ class HiddenEffect:
 
     @property
     def effect(self) -> Effect:
-        """The values as the hooks of the cause take them, for a single walker."""
+        """The values as needed by the hooks of the cause, for a single walker."""
         named = {self.cause.qualified(name): np.array([v]) for name, v in self.values.items()}
         return self.cause.effect(named)
 
@@ -261,13 +261,13 @@ def parse_effect(text: str) -> tuple[Cause, dict[str, float]]:
     -------
     cause : Cause
     values : dict of str to float
-        Only what the text gives.
+        Only the values given.
 
     Raises
     ------
     BayesdegError
-        If there is no such cause or parameter, or the value is no number or an impossible one;
-        the message says what would be right.
+        If the cause or parameter is unknown, or the value is not a number or impossible; the
+        message says what would be right.
 
     Examples
     --------
@@ -290,7 +290,7 @@ def parse_effect(text: str) -> tuple[Cause, dict[str, float]]:
 
 
 def parse_effects(texts: Iterable[str]) -> tuple[HiddenEffect, ...]:
-    """Read all effects of a command line; parameters that are not given are neutral.
+    """Read all effects of a command line; omitted parameters are neutral.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def parse_effects(texts: Iterable[str]) -> tuple[HiddenEffect, ...]:
     Raises
     ------
     BayesdegError
-        As `parse_effect`, or if a parameter is given twice.
+        As in `parse_effect`, or if a parameter is given twice.
 
     Examples
     --------
@@ -355,8 +355,7 @@ def _number(text: str, cause: Cause, parameter: Parameter) -> float:
     least, most = middle - FARTHEST * (middle - low), middle + FARTHEST * (high - middle)
     if value != parameter.neutral and not least <= value <= most:
         raise BayesdegError(
-            f"{name}: {text} is far beyond {low:.3g} to {high:.3g}, which its prior expects; "
-            f"{example}"
+            f"{name}: {text} is far beyond the prior's range {low:.3g} to {high:.3g}; {example}"
         )
     return value
 
@@ -370,7 +369,7 @@ def draw_specimens(
     generator: np.random.Generator,
     law: ScatterLaw = "lognormal",
 ) -> pd.DataFrame:
-    r"""Draw what each specimen really is.
+    r"""Draw the true specimens.
 
     .. math:: D = D_{believed} + \sigma_D z_1, \quad \ln(C/C(D)) = \sigma_C z_2, \quad
         \ln(\varepsilon_b/\varepsilon_b(D)) = \sigma_\varepsilon z_3
@@ -382,17 +381,17 @@ def draw_specimens(
     truth : Truth
         Material and scatter.
     degradation, sd : array, shape (n,)
-        Degradation rate that is believed and its standard error [%].
+        Recorded degradation rate and its standard error [%].
     generator : numpy.random.Generator
-        Source of randomness.
+        Random generator.
     law : str
-        Of the elongation at break: by Weibull's z₃ has a law of its own.
+        Scatter law of the elongation at break; for Weibull's, z₃ is not normal.
 
     Returns
     -------
     pandas.DataFrame
-        By ``specimen_id``: ``degradation_pct`` [%], ``ln_stiffness`` (deviation from the mean
-        of the material), ``limit_stretch`` at which it breaks.
+        By ``specimen_id``: ``degradation_pct`` [%], ``ln_stiffness`` (deviation from the material's
+        mean), ``limit_stretch`` at which it breaks.
 
     Examples
     --------
@@ -426,20 +425,20 @@ def constants_of(specimens: pd.DataFrame, truth: Truth) -> Floats:
 def stated_sd(table: pd.DataFrame, truth: Truth) -> Floats:
     """Return the standard error of the degradation rate on each row [%].
 
-    Where the table states none it is that of the truth; fresh specimens were never in the soil
-    and have none.
+    If the table states none it is the truth's; fresh specimens were never buried and have no
+    error.
     """
     assumed = np.where(table["degradation_pct"] > 0.0, truth.degradation_sd, 0.0)
     return np.where(table["degradation_sd_pct"].isna(), assumed, table["degradation_sd_pct"])
 
 
 def noise(value: Floats, z: Floats, *, floor: float | Floats, share: float) -> Floats:
-    r"""Return errors of reading with standard deviation :math:`\sqrt{f^2 + (s v)^2}`."""
+    r"""Return reading errors with standard deviation :math:`\sqrt{f^2 + (s v)^2}`."""
     return np.hypot(floor, share * value) * z
 
 
 def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: float) -> Floats:
-    r"""Make independent normals alike along each specimen's path, as errors of reading are.
+    r"""Correlate independent normals along each specimen's path, like reading errors.
 
     The correlation of two readings i ≠ j of a specimen is (1 − w) exp(−|s_i − s_j|/ℓ), by the
     Cholesky factor of their covariance; w is `bayesdeg.observations.noise.INDEPENDENT`.
@@ -451,9 +450,9 @@ def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: fl
     z : array, shape (n,)
         Independent standard normals.
     specimen : array_like, shape (n,)
-        Whose path it is.
+        Specimen of each reading.
     length : float
-        ℓ, in the unit of s; at 0 the normals stay as they are.
+        ℓ, in the unit of s; at 0 the normals are unchanged.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A virtual experiment → the texts of its files."""
+"""Write a virtual experiment as the text of its files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -19,23 +19,23 @@ from bayesdeg.priors import LAWS, Law
 from bayesdeg.records import FileRecord, Numbers, Record, Scalar, Text
 
 TRUTH_FILE = "truth.json"
-#: What a virtual experiment may write.
+#: Files of a virtual experiment.
 VIRTUAL_FILES = (
     *(SETTINGS_FILE, TRUTH_FILE),
     *(table.file for table in VIRTUAL_TABLES.values()),
 )
-#: Of every file of it but `TRUTH_FILE`.
+#: First words of every file except `TRUTH_FILE`.
 FIRST_WORDS = "# virtual experiment made by"
 NOTE = (
     "This is a virtual experiment: all specimens were simulated by the fine finite element model, "
-    "with scatter of specimens and errors of reading. Whether an effect is hidden in it, and "
-    f"which, stands in {TRUTH_FILE}, which the calibration never opens."
+    "with specimen scatter and reading errors. Hidden effects, if any, are recorded in "
+    f"{TRUTH_FILE}, which the calibration never opens."
 )
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a virtual experiment was made.
+    """Provenance of a virtual experiment.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Provenance:
     seed : int
         Seed of all randomness.
     mesh : mapping of str to float
-        Sizes of the elements of the fine model [mm], or whatever describes the forward map.
+        Element sizes of the fine model [mm], or any description of the forward map.
     """
 
     command: str
@@ -61,22 +61,21 @@ class Provenance:
 def study_files(
     experiment: VirtualExperiment, settings: Settings, *, provenance: Provenance
 ) -> dict[str, str]:
-    """Return the texts of a study folder that holds a virtual experiment.
+    """Return the files of a study folder with a virtual experiment.
 
     Parameters
     ----------
     experiment : VirtualExperiment
-        What was recorded and what was true.
+        Records and truth.
     settings : Settings
-        Those of the study whose design was used.
+        Settings of the study whose design was used.
     provenance : Provenance
-        How it was made.
+        Provenance.
 
     Returns
     -------
     dict of str to str
-        By name of the file: ``study.toml``, the CSV files, and ``truth.json``, which no study
-        reads.
+        By file name: ``study.toml``, the CSV files, and ``truth.json``, which no study reads.
     """
     texts = {
         VIRTUAL_TABLES[name].file: provenance.comment
@@ -92,30 +91,30 @@ def study_files(
 
 
 class TruthVersion(Record):
-    """Which programs made a virtual experiment."""
+    """Versions of the programs that made a virtual experiment."""
 
     bayesdeg: Text
     model: Text = Field(default="", description="version of the finite element model")
 
 
 class TruthRecord(FileRecord):
-    """The content of ``truth.json``: what a virtual experiment hides, which no study reads."""
+    """The content of ``truth.json``: the hidden truth of an experiment, which no study reads."""
 
-    causes: Mapping[str, Numbers] = Field(description="values of the parameters, by hidden cause")
-    constants: Numbers = Field(description="by the names of calibrated parameters")
-    actuators: Mapping[str, Mapping[str, Scalar]] = Field(description="by specimen")
-    films: Mapping[str, Mapping[str, Scalar]] = Field(description="by specimen")
+    causes: Mapping[str, Numbers] = Field(description="parameter values by hidden cause")
+    constants: Numbers = Field(description="true values by calibrated parameter")
+    actuators: Mapping[str, Mapping[str, Scalar]] = Field(description="true actuators by specimen")
+    films: Mapping[str, Mapping[str, Scalar]] = Field(description="true films by specimen")
     blocked: Mapping[str, Mapping[str, Scalar]] = Field(
-        default_factory=dict, description="actuators whose tip was held, by specimen"
+        default_factory=dict, description="actuators with held tips, by specimen"
     )
     seed: int
     command: Text
-    mesh: Numbers = Field(description="sizes of the elements [mm]")
+    mesh: Numbers = Field(description="element sizes [mm]")
     version: TruthVersion
 
 
 def truth_record(experiment: VirtualExperiment, provenance: Provenance) -> TruthRecord:
-    """Return what ``truth.json`` holds."""
+    """Return the content of ``truth.json``."""
     return TruthRecord(
         causes={hidden.cause.name: dict(hidden.values) for hidden in experiment.effects},
         constants=experiment.truth.named(),
@@ -135,9 +134,9 @@ def _by_specimen(frame: pd.DataFrame) -> dict[str, dict[str, float | str | None]
 
 
 def virtual_settings(settings: Settings, *, seed: int) -> Settings:
-    """Return settings that say that the data are virtual; virtual ones keep title and note.
+    """Return settings marked as virtual; already virtual ones keep title and note.
 
-    What a vendor states is of another material than the one that is made up.
+    Vendor figures are dropped: they describe a different material than the simulated one.
 
     Examples
     --------
@@ -152,9 +151,9 @@ def virtual_settings(settings: Settings, *, seed: int) -> Settings:
 
 
 def settings_text(settings: Settings) -> str:
-    """Return the text of a ``study.toml`` from which the same settings are read.
+    """Return the text of a ``study.toml`` that gives the same settings.
 
-    Keys that hold their default are left out, but for the seed.
+    Keys at their default are omitted, except the seed.
 
     Examples
     --------
@@ -170,7 +169,7 @@ def settings_text(settings: Settings) -> str:
     for entry in ENTRIES:
         holders = (settings, settings.dimensions, settings.recipe, settings.vendor)
         holder = next((one for one in holders if _holds(one, entry.field)), None)
-        if holder is None:  # of a forward map of one's own, which no virtual experiment has
+        if holder is None:  # of a user's own forward map, which no virtual experiment has
             continue
         value = getattr(holder, entry.field)
         is_law = entry.table == "actuator" and entry.key in uncertain
@@ -183,7 +182,7 @@ def settings_text(settings: Settings) -> str:
 
 
 def _holds(record: Settings | AnyDimensions | MixtureRecipe | VendorFigures, name: str) -> bool:
-    """Return whether a value of a key is held here; what follows from others is not."""
+    """Return whether a record stores a key's value; derived values are not stored."""
     is_family = isinstance(record, Settings) and name == "kind"
     return is_family or name in {entry.name for entry in fields(record) if not entry.metadata}
 
@@ -200,6 +199,6 @@ def _plain(value: object) -> object:
 
 
 def _changed(record: Any) -> dict[str, object]:
-    """Return the fields of a record that do not hold their default."""
+    """Return the fields of a record that differ from their default."""
     values = {entry.name: (getattr(record, entry.name), entry.default) for entry in fields(record)}
     return {name: value for name, (value, default) in values.items() if value != default}

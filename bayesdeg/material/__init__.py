@@ -1,1 +1,1 @@
-"""Quantities become constitutive laws: pure functions."""
+"""Constitutive laws, degradation trends and rupture as pure functions."""

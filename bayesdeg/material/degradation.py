@@ -1,19 +1,19 @@
-r"""Material constants as polynomials of the degradation rate D_R, held by their values at nodes.
+r"""Material constants as polynomials of the degradation rate D_R, given by values at nodes.
 
-Values at nodes are quantities of the material itself, so that priors can be stated for them and
-the sampler finds them little correlated; the coefficients of the powers of D_R are neither.
+Values at nodes are properties of the material itself: priors can be stated for them, and the
+sampler finds them little correlated. Neither holds for the coefficients of the powers of D_R.
 
 In Bernstein form, with :math:`t = (D - D_0)/(D_n - D_0)` between the first and the last node,
 
 .. math:: C(D) = \sum_k b_k B_k(t), \qquad B_k(t) = \binom{n}{k} t^k (1 - t)^{n-k},
 
-the control values b_k are those of the curve at both ends, and pull it between them.  B_k ≥ 0, so
+the control values b_k are those of the curve at both ends, and attract it in between.  B_k ≥ 0, so
 positive control values make a positive constant, and with :math:`b^{(2)}_k = r_k
 \sqrt{3 b^{(1)}_k b^{(3)}_k}`, r_k > −1, the Cauchy–Schwarz inequality gives
 
 .. math:: C_2 > -\sum_k B_k \sqrt{3 b^{(1)}_k b^{(3)}_k} \ge -\sqrt{3 C_1 C_3}
 
-at every degradation rate: no control values of this kind make an unstable material.
+at every degradation rate: such control values always give a stable material.
 
 References
 ----------
@@ -37,7 +37,7 @@ type BoolArray = npt.NDArray[np.bool_]
 def satisfies_baker_ericksen(c1: npt.ArrayLike, c2: npt.ArrayLike, c3: npt.ArrayLike) -> BoolArray:
     r"""Return whether the larger principal stretch always carries the larger stress.
 
-    For a solid of I₁ alone, the Baker–Ericksen inequalities are
+    For a solid with W(I₁), the Baker–Ericksen inequalities are
 
     .. math:: \frac{dW}{dI_1} = C_1 + 2 C_2 (I_1 - 3) + 3 C_3 (I_1 - 3)^2 > 0 \quad
         \text{for all } I_1 \ge 3,
@@ -101,7 +101,7 @@ def smallest_monotone_ratio(
     mode : str
         ``uniaxial``, ``equibiaxial`` or ``planar``.
     points : int
-        Stretches examined; the error of the bound falls with the square of their spacing.
+        Stretches examined; the error of the bound is quadratic in their spacing.
 
     Returns
     -------
@@ -186,25 +186,25 @@ SMALLEST_SPACING = 1.0
 
 
 def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
-    """Return the nodes of the highest polynomial that the data can support.
+    """Return the nodes of the highest polynomial that the data support.
 
     Parameters
     ----------
     degradations : array_like
         Degradation rates of the specimens [%].
     order : int
-        Order wanted: 0, 1, 2 or 3.
+        Desired order: 0, 1, 2 or 3.
 
     Returns
     -------
     tuple of float
-        Those of ``NODES``; for a single level, that level.  The order is at most the number of
-        distinct levels less one.
+        A row of ``NODES``; for a single level, that level.  The order is at most the number of
+        distinct levels minus one.
 
     Raises
     ------
     ValueError
-        If there are no levels, one is not finite, or the order is none of 0, 1, 2, 3.
+        If there are no levels, a level is not finite, or the order is not 0, 1, 2 or 3.
 
     Examples
     --------
@@ -217,20 +217,20 @@ def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
     if order not in range(len(NODES)):
         raise ValueError(f"the order must be 0, 1, 2 or 3, not {order!r}")
     if levels.size == 0 or not np.all(np.isfinite(levels)):
-        raise ValueError("degradation levels must be finite, and there must be one at least")
+        raise ValueError("at least one degradation level is needed, and all must be finite")
     distinct = _count_distinct(levels)
     if distinct == 1:
         return (round(float(levels.mean()), 1),)
     return NODES[min(order, distinct - 1)]
 
 
-LEVEL_WIDTH = 2.0  # degradation rates this close count as one level [%]
+LEVEL_WIDTH = 2.0  # degradation rates closer than this count as one level [%]
 
 
 def levels(
     degradation: FloatArray, width: float = LEVEL_WIDTH
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Return the levels of degradation that specimens were meant to have, and each one's level.
+    """Group degradation rates into nominal levels; return the levels and each specimen's index.
 
     Examples
     --------
@@ -249,11 +249,11 @@ def levels(
 type _OfRates = Callable[[npt.ArrayLike, Nodes], FloatArray]
 
 FEW = 1000
-"""Degradation rates of which weights are kept: those of specimens, not of draws."""
+"""Sets of degradation rates whose weights are cached: those of specimens, not of draws."""
 
 
 def _remembered(work: _OfRates) -> _OfRates:
-    """Keep what follows from the same degradation rates and nodes, which a density asks for."""
+    """Cache what depends on degradation rates and nodes only: densities recompute it often."""
 
     @lru_cache(maxsize=64)
     def known(raw: bytes, shape: tuple[int, ...], nodes: Nodes) -> FloatArray:
@@ -273,7 +273,7 @@ def _remembered(work: _OfRates) -> _OfRates:
 
 @_remembered
 def lagrange_weights(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
-    r"""Return the weights of the values at the nodes in the value at D_R.
+    r"""Return the Lagrange weights of the nodal values at D_R.
 
     .. math:: w_i(D) = \prod_{j \ne i} \frac{D - D_j}{D_i - D_j}
 
@@ -304,7 +304,7 @@ def lagrange_weights(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
 
 @_remembered
 def lagrange_slopes(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
-    """Return the derivative of `lagrange_weights` by D_R [1/%], shape (..., n_nodes).
+    """Return the derivative of `lagrange_weights` with respect to D_R [1/%], shape (..., n_nodes).
 
     Arguments and errors as `lagrange_weights`.
 
@@ -342,7 +342,7 @@ def polynomial(
     Raises
     ------
     ValueError
-        If two nodes coincide or their number is not that of the values.
+        If two nodes coincide or their number differs from that of the values.
 
     Examples
     --------
@@ -355,7 +355,7 @@ def polynomial(
 def derivative(
     values_at_nodes: npt.ArrayLike, degradation: npt.ArrayLike, nodes: Nodes
 ) -> FloatArray:
-    """Return the derivative of `polynomial` by D_R, in the unit of the values per %.
+    """Return the derivative of `polynomial` with respect to D_R, in the unit of the values per %.
 
     Arguments and errors as `polynomial`.
 
@@ -374,9 +374,9 @@ def yeoh_constants(
     degradation: npt.ArrayLike,
     nodes: Nodes,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    r"""Return Yeoh's constants at D_R, each a polynomial of it.
+    r"""Return Yeoh's constants at D_R, each a polynomial in D_R.
 
-    At the nodes :math:`C_2 = r \sqrt{3 C_1 C_3}`, so r > −1 is stable there exactly (see
+    At the nodes :math:`C_2 = r \sqrt{3 C_1 C_3}`, so the material is stable there if r > −1 (see
     `stability.satisfies_baker_ericksen`); between them see `is_stable`.
 
     Parameters
@@ -398,7 +398,7 @@ def yeoh_constants(
     Raises
     ------
     ValueError
-        If two nodes coincide or their number is not that of the values.
+        If two nodes coincide or their number differs from that of the values.
 
     References
     ----------
@@ -435,7 +435,7 @@ def is_stable(
     c1_nodes, c2_ratio_nodes, c3_nodes : array_like, shape (..., n_nodes)
         As in `yeoh_constants`.
     largest_degradation : float
-        Largest D_R that is going to be asked for [%].
+        Largest D_R to be evaluated [%].
     nodes : tuple of float
         Distinct nodes [%].
     points : int
@@ -448,7 +448,7 @@ def is_stable(
     Raises
     ------
     ValueError
-        If two nodes coincide or their number is not that of the values.
+        If two nodes coincide or their number differs from that of the values.
 
     Examples
     --------
@@ -470,7 +470,7 @@ def young_modulus(c1: npt.ArrayLike, root_term: npt.ArrayLike = 0.0) -> FloatArr
     c1 : array_like
         C₁ of Yeoh's law [MPa].
     root_term : array_like, broadcastable
-        r of a further energy r (√I₂ − √3) [MPa].
+        r of an additional energy r (√I₂ − √3) [MPa].
 
     Examples
     --------
@@ -501,7 +501,7 @@ def _other_nodes(nodes: Nodes) -> tuple[FloatArray, FloatArray]:
     """Return the nodes other than each, (n_nodes, n_nodes - 1), and the product of distances."""
     places = np.asarray(nodes, dtype=np.float64)
     if np.unique(places).size != places.size:
-        raise ValueError(f"nodes must differ from each other, not {nodes}")
+        raise ValueError(f"nodes must be distinct, got {nodes}")
     others = np.array([np.delete(places, i) for i in range(places.size)])
     return others, np.prod(places[:, np.newaxis] - others, axis=-1)
 
@@ -568,7 +568,7 @@ def bernstein_slopes(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
 
 
 def constants(controls: Controls, weights: FloatArray) -> FloatArray:
-    """Return C₁, C₂, C₃ [MPa], or their derivatives by D_R [MPa/%].
+    """Return C₁, C₂, C₃ [MPa], or their derivatives with respect to D_R [MPa/%].
 
     Parameters
     ----------
@@ -597,7 +597,7 @@ def _place(degradation: npt.ArrayLike, nodes: Nodes) -> FloatArray:
     if len(nodes) == 1:
         return np.zeros_like(level)
     if not nodes[-1] > nodes[0]:
-        raise ValueError(f"nodes must increase, not {nodes}")
+        raise ValueError(f"nodes must increase, got {nodes}")
     place: FloatArray = (level - nodes[0]) / (nodes[-1] - nodes[0])
     return place
 

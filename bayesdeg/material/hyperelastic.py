@@ -1,8 +1,8 @@
-r"""Incompressible hyperelastic laws, their stress and tangent in each mode of a homogeneous test.
+r"""Incompressible hyperelastic laws: stress and tangent in homogeneous tests of each mode.
 
 Every mode has the principal stretches :math:`\lambda^{e_1}, \lambda^{e_2}, \lambda^{e_3}` with
 constant exponents that sum to zero, so every sum of powers of them, hence every invariant, is a
-function of the one stretch :math:`\lambda`.
+function of a single stretch :math:`\lambda`.
 
 Constants may be arrays: they broadcast against the stretch.  All energies are per undeformed
 volume [MPa = mJ/mm³].
@@ -29,7 +29,7 @@ MEASURES = ("nominal", "cauchy")
 
 
 class ModePath(NamedTuple):
-    """A scalar along a mode: its value and its first two derivatives by the stretch."""
+    """A scalar along a mode: its value and first two derivatives with respect to the stretch."""
 
     value: FloatArray
     slope: FloatArray
@@ -37,7 +37,7 @@ class ModePath(NamedTuple):
 
 
 def principal_stretches(stretch: npt.ArrayLike, mode: Modes) -> FloatArray:
-    """Return the three principal stretches of a mode, along a new last axis.
+    """Return the three principal stretches of a mode, on a new last axis.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def principal_stretches(stretch: npt.ArrayLike, mode: Modes) -> FloatArray:
 
 
 def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> ModePath:
-    r"""Return the sum of powers of the principal stretches, less 3, along a mode.
+    r"""Return the sum of powers of the principal stretchesminus 3, along a mode.
 
     .. math:: S_p(\lambda) = \lambda_1^p + \lambda_2^p + \lambda_3^p - 3
 
@@ -73,7 +73,7 @@ def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> Mode
     Returns
     -------
     ModePath
-        S_p and its derivatives by the stretch, in the common shape of the arguments.
+        S_p and its derivatives with respect to the stretch, in the common shape of the arguments.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def power_sum(stretch: npt.ArrayLike, mode: Modes, power: npt.ArrayLike) -> Mode
 
 
 def root_second_invariant(stretch: npt.ArrayLike, mode: Modes) -> ModePath:
-    r"""Return :math:`\sqrt{I_2} - \sqrt 3` along a mode with its derivatives by the stretch.
+    r"""Return :math:`\sqrt{I_2} - \sqrt 3` along a mode with its stretch derivatives.
 
     Parameters
     ----------
@@ -134,15 +134,15 @@ def root_second_invariant(stretch: npt.ArrayLike, mode: Modes) -> ModePath:
 def chain(
     inner: ModePath, *, energy: FloatArray, first: FloatArray, second: FloatArray
 ) -> ModePath:
-    """Return the path of an energy, given it and its derivatives by the inner scalar."""
+    """Apply the chain rule: the path of an energy, given its derivatives by the inner scalar."""
     slope = first * inner.slope
     return ModePath(energy, slope, second * np.square(inner.slope) + first * inner.curvature)
 
 
 def loaded_axes(mode: Modes) -> FloatArray:
-    """Return on how many axes the stretch of the mode is imposed by the same load.
+    """Return the number of axes on which the mode's load imposes the stretch.
 
-    The nominal stress on each of them is the slope of the energy by the stretch, divided by this.
+    The nominal stress on each of them is dW/dλ divided by this.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def loaded_axes(mode: Modes) -> FloatArray:
 
 
 def measure_factor(stretch: npt.ArrayLike, measure: Measures) -> FloatArray:
-    """Return what the nominal stress is to be multiplied by: 1, or the stretch for Cauchy stress.
+    """Return the factor on the nominal stress: 1, or the stretch for Cauchy stress.
 
     Examples
     --------
@@ -185,7 +185,7 @@ class HyperelasticLaw(Protocol):
         ...
 
     def along(self, stretch: npt.ArrayLike, mode: Modes) -> ModePath:
-        """Return the energy [MPa] along a mode with its derivatives by the stretch."""
+        """Return the energy [MPa] along a mode with its stretch derivatives."""
         ...
 
 
@@ -215,7 +215,7 @@ class NeoHookean:
 
 @dataclass(frozen=True)
 class Yeoh:
-    r"""Yeoh's solid, :math:`W = \sum_{i=1}^{3} C_i (I_1 - 3)^i`.
+    r"""Yeoh solid, :math:`W = \sum_{i=1}^{3} C_i (I_1 - 3)^i`.
 
     Parameters
     ----------
@@ -251,12 +251,12 @@ class Yeoh:
 
 @dataclass(frozen=True)
 class YeohRootSecondInvariant:
-    r"""Yeoh's solid with a term in the second invariant.
+    r"""Yeoh solid with a term in the second invariant.
 
     .. math:: W = \sum_{i=1}^{3} C_i (I_1 - 3)^i + C_s (\sqrt{I_2} - \sqrt 3)
 
     A term in I₂ itself grows with the fourth power of an equibiaxial stretch; its root grows with
-    the second, as I₁ does, and so extrapolates soberly from one mode to another.
+    the second, as I₁ does, and so extrapolates safely to other modes.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ class YeohRootSecondInvariant:
 
 @dataclass(frozen=True)
 class MooneyRivlin:
-    r"""Mooney's and Rivlin's solid, :math:`W = C_{10} (I_1 - 3) + C_{01} (I_2 - 3)`.
+    r"""Mooney–Rivlin solid, :math:`W = C_{10} (I_1 - 3) + C_{01} (I_2 - 3)`.
 
     Parameters
     ----------
@@ -320,11 +320,11 @@ class MooneyRivlin:
 
 @dataclass(frozen=True)
 class Gent:
-    r"""Gent's solid of limited extensibility.
+    r"""Gent solid of limited extensibility.
 
     .. math:: W = -\tfrac12 \mu J_m \ln\!\left(1 - \frac{I_1 - 3}{J_m}\right)
 
-    Energy, stress and tangent are infinite from I₁ − 3 = J_m on.
+    Energy, stress and tangent are infinite for I₁ − 3 ≥ J_m.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ class Gent:
 
 @dataclass(frozen=True)
 class Ogden:
-    r"""Ogden's solid.
+    r"""Ogden solid.
 
     .. math:: W = \sum_k \frac{\mu_k}{\alpha_k}
         (\lambda_1^{\alpha_k} + \lambda_2^{\alpha_k} + \lambda_3^{\alpha_k} - 3)
@@ -439,7 +439,7 @@ def nominal_stress(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes)
     .. math:: P = \frac{1}{n} \frac{dw}{d\lambda}
 
     where w(λ) is the energy along the mode and n the number of axes that carry the load, so that
-    the pressure of incompressibility is eliminated by the stress-free faces.  Arguments and errors
+    the hydrostatic pressure is eliminated by the stress-free faces.  Arguments and errors
     as `energy`.
 
     Examples
@@ -476,7 +476,7 @@ def cauchy_stress(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) 
 
 
 def tangent(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) -> FloatArray:
-    """Return the slope of the nominal stress by the stretch [MPa].
+    """Return the derivative of the nominal stress with respect to the stretch [MPa].
 
     At stretch 1 in uniaxial tension it is Young's modulus, for Yeoh's solid 6 C₁.  Arguments and
     errors as `energy`.
@@ -491,7 +491,7 @@ def tangent(law: HyperelasticLaw, stretch: npt.ArrayLike, *, mode: Modes) -> Flo
 
 
 def yeoh_basis(stretch: npt.ArrayLike, mode: Modes, measure: Measures = "nominal") -> FloatArray:
-    r"""Return the design matrix in which Yeoh's stress is linear.
+    r"""Return the design matrix of Yeoh's stress, which is linear in its constants.
 
     .. math:: \text{stress} = \sum_i B_i C_i, \qquad
         B_i = \frac{i (I_1 - 3)^{i-1}}{n} \frac{dI_1}{d\lambda} \;[\times \lambda]
@@ -527,7 +527,7 @@ def yeoh_basis(stretch: npt.ArrayLike, mode: Modes, measure: Measures = "nominal
 
 
 def yeoh_tangent_basis(stretch: npt.ArrayLike, mode: Modes) -> FloatArray:
-    """Return the slope of the nominal `yeoh_basis` by the stretch, shape (..., 3).
+    """Return the stretch derivative of the nominal `yeoh_basis`, shape (..., 3).
 
     Arguments and errors as `yeoh_basis`.
 
@@ -549,7 +549,7 @@ def yeoh_tangent_basis(stretch: npt.ArrayLike, mode: Modes) -> FloatArray:
 def root_second_invariant_basis(
     stretch: npt.ArrayLike, mode: Modes, measure: Measures = "nominal"
 ) -> FloatArray:
-    """Return the stress of unit C_s (√I₂ − √3), the further column beside `yeoh_basis`.
+    """Return the stress of unit C_s (√I₂ − √3), an extra column for `yeoh_basis`.
 
     Arguments and errors as `yeoh_basis`; the shape is that of the arguments, broadcast.
 

@@ -1,8 +1,8 @@
-r"""Five laws in coordinates in which they can be compared: stresses and their slopes, vectorised.
+r"""Five hyperelastic laws in comparable coordinates: stresses and slopes, vectorised.
 
-Each law has coordinates u that are standard normal before any reading, so that no law is given more
-room than another.  They are made without dimension by two scales of the films: G₀, the shear
-modulus that a neo-Hookean solid would need, and X, the largest I₁ − 3 that was reached.  With
+Each law has coordinates u that are standard normal a priori, so that no law gets more freedom than
+the others.  Two scales of the films make them dimensionless: G₀, the shear modulus of a neo-Hookean
+fit, and X, the largest I₁ − 3 reached.  With
 ξ = (I₁ − 3)/X and P the nominal stress of n loaded axes,
 
 .. math::
@@ -17,15 +17,15 @@ modulus that a neo-Hookean solid would need, and X, the largest I₁ − 3 that 
         \sum_i e_i \lambda^{e_i \alpha_k - 1}
     \end{aligned}
 
-where a prime is the derivative by the stretch and :math:`\lambda^{e_i}` are the principal
-stretches of the mode.  The terms of Ogden's law are one near a neo-Hookean solid, one that stiffens
+where a prime is the derivative with respect to stretch and :math:`\lambda^{e_i}` are the principal
+stretches of the mode.  The terms of Ogden's law are a nearly neo-Hookean one, one that stiffens
 at large stretch and one that acts like I₂: G₁ = G, G₂ = G₀ exp(−4 + 2 u₂), G₃ = G₀ exp(−4 + 2 u₃),
 α₁ = 1.5 + 0.75 u₄, α₂ = 5 + 2 u₅ and α₃ = −2 + 0.75 u₆.
 
 References
 ----------
 Steinmann, Hossain, Possart (2012), Arch. Appl. Mech. 82, 1183; doi:10.1007/s00419-012-0610-z
-(laws of rubber, compared on Treloar's data).
+(laws for rubber, compared on Treloar's data).
 """
 
 from collections.abc import Callable, Mapping
@@ -51,24 +51,24 @@ from bayesdeg.material.hyperelastic import (
 )
 
 SPREAD = 1.5
-"""Standard deviation of ln G about ln G₀ before any reading, and of further logarithms."""
+"""Prior standard deviation of ln G about ln G₀, and of other logarithms."""
 TERMS = (0.0, SPREAD), (-4.0, 2.0), (-4.0, 2.0)
-"""Medians and standard deviations of ln(G_k/G₀) of Ogden's terms: two of them add some 2 %."""
+"""Medians and standard deviations of ln(G_k/G₀) of Ogden's terms; two of them add about 2 %."""
 POWERS = (1.5, 0.75), (5.0, 2.0), (-2.0, 0.75)
 """The same of their powers α_k; for rubber 1.3, 5 and −2, doi:10.1098/rspa.1972.0026."""
 SMALLEST_POWER = 1e-4
-"""Below it a power of Ogden's law is taken as this, where the stress is that of its limit."""
+"""Smallest magnitude of an Ogden power; smaller ones are replaced by it, near the limit of 0."""
 
 
 class StressBasis(NamedTuple):
-    """What the stresses of tests are made of, whatever the law; the last axis is the readings.
+    """Law-independent part of the stresses of tests; the last axis is the readings.
 
     Parameters
     ----------
     excess : array, shape (..., n_points)
-        I₁ − 3 over the largest one of the level, ξ [–].
+        I₁ − 3 over the level's largest, ξ [–].
     first, second : array, shape (..., n_points)
-        Stress of unit ∂W/∂I₁ and ∂W/∂I₂, in the measure that was recorded.
+        Stress of unit ∂W/∂I₁ and ∂W/∂I₂, in the recorded measure.
     log_stretch, share : array, shape (..., n_points)
         ln λ, and the measure's factor over n λ.
     exponents : array, shape (..., 1, 3)
@@ -83,7 +83,7 @@ class StressBasis(NamedTuple):
     exponents: FloatArray
 
     def of(self, rows: npt.NDArray[np.intp]) -> "StressBasis":
-        """Return some of the tests, each as often as it is named."""
+        """Return selected tests, with repetition."""
         return StressBasis(*(part[rows] for part in self))
 
 
@@ -94,7 +94,7 @@ def film_tests(
     *,
     cauchy: npt.NDArray[np.bool_] | None = None,
 ) -> StressBasis:
-    """Return what the stresses of tests are made of.
+    """Return the law-independent part of the stresses of tests.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def film_tests(
     largest : array, shape (n_films,)
         The scale X of each film: the largest I₁ − 3 of its level [–].
     cauchy : array of bool, shape (n_films, n_points), optional
-        Where Cauchy's stress was recorded; by default nowhere.
+        Where Cauchy stress was recorded; default: nowhere.
 
     Examples
     --------
@@ -143,12 +143,12 @@ def largest_excess(
 
 
 type Response = tuple[FloatArray, FloatArray]
-"""Stresses over G₀, (..., n_points), and their slopes by u, (..., n_points, n_coordinates)."""
+"""Stresses over G₀, (..., n_points), and their derivatives by u, (..., n_points, n_coordinates)."""
 
 
 @dataclass(frozen=True)
 class LawForm:
-    """A law in coordinates that are standard normal before any reading.
+    """A law in coordinates that are standard normal a priori.
 
     Parameters
     ----------
@@ -157,13 +157,13 @@ class LawForm:
     size : int
         Number of its constants.
     response : callable
-        Of coordinates (..., size) and tests: `Response`.
+        Maps coordinates (..., size) and tests to a `Response`.
     constants : callable
-        Of coordinates (size,), G₀ [MPa] and X [–]: the constants by their names, with units.
+        Maps coordinates (size,), G₀ [MPa] and X [–] to named constants with units.
     solid : callable
-        Of these constants: the law itself.
+        Maps these constants to the law itself.
     starts : tuple of tuple of float
-        Coordinates from which a fit sets out; the best is kept.
+        Starting points of the fit; the best result is kept.
     """
 
     name: MaterialLaw
@@ -175,18 +175,18 @@ class LawForm:
 
     @property
     def all_starts(self) -> tuple[tuple[float, ...], ...]:
-        """Where fits set out: by default from the medians."""
+        """Starting points of fits; by default the medians."""
         return self.starts or ((0.0,) * self.size,)
 
 
 def _modulus(u: FloatArray) -> FloatArray:
-    """Return half of G/G₀, with an axis for the readings."""
+    """Return half of G/G₀, with a trailing axis for readings."""
     half: FloatArray = 0.5 * np.exp(SPREAD * u[..., :1])
     return half
 
 
 def _with_modulus(stress: FloatArray, *slopes: FloatArray) -> Response:
-    """Return the response of a law whose stress is in proportion to G."""
+    """Return the response of a law whose stress is proportional to G."""
     return stress, np.stack([SPREAD * stress, *slopes], axis=-1)
 
 
@@ -207,7 +207,7 @@ def _mooney_rivlin(u: FloatArray, tests: StressBasis) -> Response:
 
 
 def _gent(u: FloatArray, tests: StressBasis) -> Response:
-    beyond = np.exp(1.0 + SPREAD * u[..., 1:2])  # J_m = X (1 + this)
+    beyond = np.exp(1.0 + SPREAD * u[..., 1:2])  # J_m = X (1 + beyond)
     left = 1.0 - tests.excess / (1.0 + beyond)
     stress = _modulus(u) * tests.first / left
     slope = -stress / left * tests.excess * SPREAD * beyond / np.square(1.0 + beyond)
@@ -227,14 +227,14 @@ def _ogden(u: FloatArray, tests: StressBasis) -> Response:
 
 
 def _power_term(power: FloatArray, tests: StressBasis) -> Response:
-    r"""Return a term of Ogden's law of unit shear modulus, and its slope by α.
+    r"""Return an Ogden term of unit shear modulus, and its derivative by α.
 
     With :math:`S = \sum_i e_i \lambda^{\alpha e_i}`, stress = (2/α) S × share.  As the exponents
-    sum to zero, S is a sum of expm1, which keeps its digits as α goes to 0.
+    sum to zero, S is a sum of expm1, which stays accurate as α goes to 0.
     """
     alpha = np.where(np.abs(power) < SMALLEST_POWER, SMALLEST_POWER, power)
     sums, by_power = np.zeros(tests.share.shape), np.zeros(tests.share.shape)
-    for k in range(3):  # a sum over a last axis of three takes longer than all else
+    for k in range(3):  # summing over a last axis of three dominates the cost
         e = tests.exponents[..., k]
         grown = np.expm1(alpha * e * tests.log_stretch)
         sums += e * grown
@@ -305,7 +305,7 @@ FORMS: Mapping[str, LawForm] = {
         ),
     )
 }  # fmt: skip
-"""Every law by its name, that of the actuator's model first."""
+"""All laws by name, the actuator model's first."""
 
 CONSTANTS = (
     *("c1_MPa", "c2_MPa", "c3_MPa", "c01_MPa", "mu_MPa", "j_m"),

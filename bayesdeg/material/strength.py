@@ -1,12 +1,12 @@
 """Rupture: the elongation limit against D_R, its scatter between specimens, and the size effect.
 
-Elongation means λ − 1.  The scatter s is one number for all laws, the standard deviation of the
-log elongation (exactly for the log-normal and Weibull laws, to first order for the normal one),
-and every law has the same median, so that laws can be compared at equal parameters.
+Elongation means λ − 1.  The scatter s is defined alike for all laws: the standard deviation of the
+log elongation (exact for the log-normal and Weibull laws, to first order for the normal one). All
+laws have the same median, so they can be compared at equal parameters.
 
 Break tests are uniaxial, walls are stretched along two axes, and no criterion is established for
-this material: the three here coincide in uniaxial tension and span a range elsewhere, in which the
-principal stretch is the mildest.
+this material: those here coincide in uniaxial tension and differ elsewhere, the principal stretch
+being the mildest.
 """
 
 import math
@@ -55,7 +55,7 @@ def limit_stretch(
     Raises
     ------
     ValueError
-        If two nodes coincide or their number is not that of the values.
+        If two nodes coincide or their number differs from that of the values.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def log_survival(
     limit_scatter: npt.ArrayLike,
     law: ScatterLaw = "lognormal",
 ) -> FloatArray:
-    r"""Return the log probability that a specimen is whole at a stretch.
+    r"""Return the log probability that a specimen survives a stretch.
 
     With the elongation relative to its median, :math:`r = (\lambda - 1) / (\lambda_b - 1)`:
 
@@ -92,7 +92,7 @@ def log_survival(
         S = \Phi\!\left(-\frac{\ln r}{s}\right), \quad
         S = \exp(-r^m \ln 2), \; m = \frac{\pi}{\sqrt 6 \, s}
 
-    for the normal, log-normal and Weibull laws.  The normal law leaves Φ(−1/s) below stretch 1.
+    for the normal, log-normal and Weibull laws.  The normal law puts Φ(−1/s) below stretch 1.
 
     Parameters
     ----------
@@ -132,19 +132,19 @@ def log_survival(
 
 
 def log_whole(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
-    r"""Return the log probability that a specimen is whole at a score.
+    r"""Return the log probability that a specimen survives a score.
 
     .. math:: \ln S = \ln \Phi(-z), \quad \ln S = -\ln 2 \, e^{\pi z / \sqrt 6}
 
-    for the log-normal (and normal) and for Weibull's law; both have the median at z = 0, and of
-    both the scores at break have the standard deviation 1.
+    for the log-normal (and normal) and for Weibull's law; both have their median at z = 0 and
+    standard deviation 1 of the score at break.
 
     Parameters
     ----------
     score : array_like
         z, ln strain over the median at break, in standard deviations of the logarithm.
     law : str
-        Of `SCATTER_LAWS`.
+        One of `SCATTER_LAWS`.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def log_broken(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArra
 def log_broken_between(
     low: npt.ArrayLike, high: npt.ArrayLike, law: ScatterLaw = "lognormal"
 ) -> FloatArray:
-    """Return the log probability to break between two scores, low < high, either infinite.
+    """Return the log probability of breaking between scores low < high, which may be infinite.
 
     Examples
     --------
@@ -184,10 +184,10 @@ def log_broken_between(
     low, high = (np.asarray(score, dtype=np.float64) for score in (low, high))
     if law == "weibull":
         before = log_whole(low, law)
-        with np.errstate(invalid="ignore"):  # what is infinite on both sides has no chance
+        with np.errstate(invalid="ignore"):  # infinite on both sides: probability 0
             change = np.where(np.isinf(before), -np.inf, log_whole(high, law) - before)
         return before + _log_complement(change)
-    # in the tail on the left, where the difference of two logarithms is exact
+    # use the left tail, where the difference of two logarithms is exact
     swap = low > 0.0
     low, high = np.where(swap, -high, low), np.where(swap, -low, high)
     upper = scipy.special.log_ndtr(high)
@@ -196,7 +196,7 @@ def log_broken_between(
 
 
 def score_density(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
-    """Return the log density of scores at break, that of `log_whole`.
+    """Return the log density of scores at break, see `log_whole`.
 
     Examples
     --------
@@ -210,7 +210,7 @@ def score_density(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatA
 
 
 def scores_from_normal(normal: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray:
-    """Return the scores at break that are as rare as standard normal ones.
+    """Map standard normal scores to scores at break of the same quantile.
 
     Examples
     --------
@@ -251,7 +251,7 @@ def log_density(
 ) -> FloatArray:
     """Return the log probability density of the stretch at break, that of `log_survival`.
 
-    Arguments and errors as `log_survival`; −∞ where a specimen cannot break.
+    Arguments and errors as `log_survival`; −∞ where no specimen can break.
 
     Examples
     --------
@@ -288,9 +288,9 @@ def rupture_probability(
 def weakest_link_limit(
     limit_median: npt.ArrayLike, modulus: npt.ArrayLike, volume_ratio: npt.ArrayLike
 ) -> FloatArray:
-    r"""Return the median stretch at break of a larger or smaller volume under the same stretch.
+    r"""Return the median stretch at break of a different volume under the same stretch.
 
-    A body of volume V is a chain of V/V₀ specimens and breaks with its weakest:
+    A body of volume V is a chain of V/V₀ specimens and breaks at its weakest:
     :math:`S_V = S_{V_0}^{V/V_0}`, for Weibull's law
 
     .. math:: \lambda_{b,V} - 1 = (\lambda_b - 1) \left(\frac{V}{V_0}\right)^{-1/m}
@@ -326,26 +326,26 @@ def weakest_link_limit(
         np.asarray(value, dtype=np.float64) for value in (limit_median, modulus, volume_ratio)
     )
     if np.any(median <= 1.0) or np.any(modulus <= 0.0) or np.any(ratio <= 0.0):
-        raise ValueError("the limit must be above 1, modulus and volume ratio above 0")
+        raise ValueError("the median stretch must be above 1, modulus and volume ratio above 0")
     return 1.0 + (median - 1.0) * ratio ** (-1.0 / modulus)
 
 
 @dataclass(frozen=True)
 class Strength:
-    r"""Elongation limit of actuators: ordinary defects, and flaws beside them.
+    r"""Elongation limit of actuators: ordinary defects, and flaws besides.
 
-    Without flaws a wall is whole at a strain ε with the probability that `log_whole` gives of the
-    score z = ln(ε/ε̃)/s. Flaws are weak places of their own. Their number grows with the share ρ,
-    and a wall holds if none of them tears, nor any ordinary defect:
+    Without flaws a wall survives a strain ε with the probability that `log_whole` gives for the
+    score z = ln(ε/ε̃)/s. Flaws are separate weak places. Their number grows with the share ρ, and a
+    wall holds if neither a flaw nor an ordinary defect tears:
 
     .. math::
         \ln S = \ln S_0(z) + \rho \min_{\varepsilon' \le \varepsilon}
         (\ln S_0(z_f') - \ln S_0(z')), \qquad
         z_f = \frac{\ln(\varepsilon/\tilde\varepsilon) + b}{\sqrt{s^2 + w^2}}
 
-    so that at ρ = 1 the limit is ε̃ exp(−b) where flaws are the weaker, and at a small ρ few walls
-    break early, and the others as if there were none. What has torn stays torn: beyond the strain
-    at which ordinary defects become the greater danger, flaws take no more, and give nothing back.
+    so at ρ = 1 the limit is ε̃ exp(−b) where flaws are weaker, and at small ρ few walls break early
+    and the rest as if there were no flaws. What has torn stays torn: beyond the strain at which
+    ordinary defects become the greater hazard, flaws neither add nor return probability.
 
     Parameters
     ----------
@@ -354,13 +354,13 @@ class Strength:
     scatter : array, shape (walkers, n_specimens)
         s, standard deviation of its logarithm [–].
     law : str
-        Of the elongation from specimen to specimen.
+        Scatter law of the elongation between specimens.
     flaw_share, flaw_cut, flaw_widening : array, broadcast to the others
-        ρ, b and w [–], not negative; ρ is above 1 where flaws are more than where it is 1.
+        ρ, b and w [–], not negative; ρ exceeds 1 beyond the reference rate.
 
     References
     ----------
-    Weibull (1951), J. Appl. Mech. 18, 293, doi:10.1115/1.4010337; sources of failure that compete:
+    Weibull (1951), J. Appl. Mech. 18, 293, doi:10.1115/1.4010337; competing failure modes:
     Johnson (1964), The Statistical Treatment of Fatigue Experiments.
     """
 
@@ -372,7 +372,7 @@ class Strength:
     flaw_widening: FloatArray = field(default_factory=lambda: np.zeros(()))
 
     def weakened(self, cut: FloatArray, widening: FloatArray) -> "Strength":
-        """Return it with a median less by ``cut`` in logarithms, and wider by ``widening``.
+        """Return it with the median lowered by ``cut`` in logarithms and widened by ``widening``.
 
         Examples
         --------
@@ -386,7 +386,7 @@ class Strength:
         )
 
     def flawed(self, share: FloatArray, cut: FloatArray, widening: FloatArray) -> "Strength":
-        """Return it with flaws; a cut and a widening of 0 are none.
+        """Return it with flaws; zero cut and widening mean none.
 
         Examples
         --------
@@ -402,11 +402,11 @@ class Strength:
 
     @property
     def has_flaws(self) -> bool:
-        """Whether any specimen may have some."""
+        """Whether any specimen may have flaws."""
         return bool(np.any(self.flaw_share > 0.0))
 
     def mapped(self, change: Callable[[FloatArray], FloatArray]) -> "Strength":
-        """Return it with all arrays changed alike, as by a further axis."""
+        """Return it with one change applied to all arrays, such as an added axis."""
         shape = np.shape(self.median)
         flaws = (self.flaw_share, self.flaw_cut, self.flaw_widening)
         arrays = (np.broadcast_to(array, shape) for array in (self.median, self.scatter, *flaws))
@@ -414,14 +414,14 @@ class Strength:
         return Strength(median, scatter, self.law, share, cut, widening)
 
     def log_whole(self, log_strain: FloatArray, error: npt.ArrayLike = 0.0) -> FloatArray:
-        """Return the log probability that a specimen is whole at a strain.
+        """Return the log probability that a specimen survives a strain.
 
         Parameters
         ----------
         log_strain : array, broadcasts with the others
             ln ε [–], which may be infinite.
         error : array_like
-            Standard error of ln ε, which adds to the scatter [–].
+            Standard error of ln ε [–], added to the scatter.
         """
         plain = log_whole(self._score(log_strain, error), self.law)
         if not self.has_flaws:
@@ -429,7 +429,7 @@ class Strength:
         return plain + self._lost_to_flaws(log_strain, error)
 
     def log_broken(self, log_strain: FloatArray, error: npt.ArrayLike = 0.0) -> FloatArray:
-        """Return the log probability that a specimen has broken at a strain, as `log_whole`."""
+        """Return the log probability that a specimen has broken at a strain, see `log_whole`."""
         score = self._score(log_strain, error)
         plain = log_broken(score, self.law)
         if not self.has_flaws:
@@ -440,9 +440,9 @@ class Strength:
     def log_broken_between(
         self, low: tuple[FloatArray, FloatArray], high: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
-        """Return the log probability to break between two strains, each ln ε with its error.
+        """Return the log probability of breaking between two strains, each ln ε with its error.
 
-        −∞ where a specimen that survives the one survives the other.
+        −∞ where surviving the first implies surviving the second.
         """
         begun, ended = self._score(*low), self._score(*high)
         begun = np.minimum(begun, ended)
@@ -454,20 +454,20 @@ class Strength:
         before, after = log_whole(begun, self.law), log_whole(ended, self.law)
         lost, later = self._lost_to_flaws(*low), self._lost_to_flaws(*high)
         torn = after + lost + _log_complement(np.minimum(later - lost, 0.0))
-        with np.errstate(invalid="ignore"):  # nothing is whole at either
+        with np.errstate(invalid="ignore"):  # nothing survives either
             change = np.minimum(after + later - before - lost, 0.0)
-        # the error of the strain may be the larger at the lower one
+        # the lower strain may have the larger error
         apart = before + lost + _log_complement(change)
         found = np.where(later > lost, apart, np.logaddexp(lost + plain, torn))
         return np.where(ended > begun, found, -math.inf)
 
     def limit(self, score: FloatArray) -> FloatArray:
-        """Return the strain ε at which specimens break that are as strong as scores say [–].
+        """Return the strain ε at which specimens of given scores break [–].
 
         Parameters
         ----------
         score : array, broadcasts with the others
-            Of a law without flaws: 0 is the median, `draw_scores` draws some.
+            Of the law without flaws: 0 is the median; draw them with `draw_scores`.
 
         Examples
         --------
@@ -496,26 +496,26 @@ class Strength:
         return np.asarray((log_strain - np.log(self.median) + self.flaw_cut) / spread)
 
     def _lost_to_flaws(self, log_strain: FloatArray, error: npt.ArrayLike) -> FloatArray:
-        """Return ln S with flaws, less that without any."""
+        """Return ln S with flaws minus that without."""
         held = np.minimum(log_strain, np.log(self.median) + _WIDEST)
-        # at an infinite strain nothing is whole anyway, and where it is past needs no search
+        # nothing survives an infinite strain, and past the crossover no search is needed
         past = self._is_past_flaws(held, error) & np.isfinite(log_strain)
         if past.any():
             held = np.where(past, self._flaws_until(error), held)
         return self._lost(held, error)
 
     def _lost(self, held: FloatArray, error: npt.ArrayLike) -> FloatArray:
-        """Return what flaws have taken of ln S up to a strain at which they still take some."""
+        """Return the loss of ln S to flaws up to a strain at which they still dominate."""
         with np.errstate(invalid="ignore"):  # broken by either: nothing is left to lose
             alone = log_whole(self._flaw_score(held, error), self.law)
             less = np.minimum(alone - log_whole(self._score(held, error), self.law), 0.0)
         return self.flaw_share * np.nan_to_num(less, nan=0.0, neginf=_NEVER)
 
     def _flaws_until(self, error: npt.ArrayLike) -> FloatArray:
-        """Return ln strain from which on ordinary defects are the greater danger.
+        """Return the ln strain beyond which ordinary defects are the greater hazard.
 
-        There the hazards of both, −d ln S/d ln ε, are equal: found by halving, or for Weibull's
-        law, h = m ln 2 (ε/ε̃)^m, in closed form. Infinite where flaws are always the greater one.
+        There the hazards of both, −d ln S/d ln ε, are equal: found by bisection, or in closed form
+        for Weibull's law, h = m ln 2 (ε/ε̃)^m. Infinite where flaws are always the greater hazard.
         """
         own = np.hypot(self.scatter, error)
         wide = np.hypot(own, self.flaw_widening)
@@ -541,7 +541,7 @@ class Strength:
 def _last_held(
     holds: Callable[[FloatArray], NDArray[np.bool_]], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Return up to where something holds that holds at ``low`` and ceases once, by halving."""
+    """Return by bisection where a condition that holds at ``low`` ceases to hold."""
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         held = holds(middle)
@@ -550,18 +550,18 @@ def _last_held(
 
 
 def _log_hazard(score: FloatArray, law: ScatterLaw) -> FloatArray:
-    """Return ln of −d ln S/dz, up to what all scores have in common."""
+    """Return ln of −d ln S/dz, up to a common constant."""
     if law == "weibull":
         return GUMBEL * score
-    with np.errstate(invalid="ignore"):  # at an infinite score, of which nothing is asked
+    with np.errstate(invalid="ignore"):  # at an infinite score, whose value is not used
         return score_density(score, law) - log_whole(score, law)
 
 
 _NEVER = -1e300
-"""ln of a probability of nothing, which times a share of 0 is still 0."""
+"""Log probability of an impossible event; finite, so that times a share of 0 it is still 0."""
 _WIDEST, _HALVINGS = 12.0, 45
-"""Within how much of ln strain about their limits walls break, and how often that is halved to find
-where: to 3e-13."""
+"""Range of ln strain about the limits searched for the break, and the number of bisections: to
+3e-13."""
 
 
 def _relative(
@@ -613,9 +613,9 @@ def wall_state(stretch: npt.ArrayLike, biaxiality: npt.ArrayLike) -> FloatArray:
 
 
 def energy_equivalent_stretch(stretches: npt.ArrayLike) -> FloatArray:
-    r"""Return the uniaxial stretch with the same strain energy of a law in I₁ alone.
+    r"""Return the uniaxial stretch of the same strain energy for any law in I₁ alone.
 
-    Such an energy rises with I₁, so that the law does not matter: λ is the root above 1 of
+    Such an energy rises with I₁, so the law does not matter: λ is the root above 1 of
 
     .. math:: \lambda^2 + 2/\lambda = I_1
 
@@ -642,7 +642,7 @@ def energy_equivalent_stretch(stretches: npt.ArrayLike) -> FloatArray:
 
 
 def hencky_equivalent_strain(stretches: npt.ArrayLike) -> FloatArray:
-    r"""Return von Mises' equivalent of the logarithmic strain.
+    r"""Return the von Mises equivalent logarithmic strain.
 
     .. math:: \varepsilon_{eq} = \sqrt{\tfrac23 \sum_i (\ln \lambda_i)^2}
 
@@ -670,7 +670,7 @@ def largest_cauchy_stress(law: Yeoh, stretches: npt.ArrayLike) -> FloatArray:
 
     .. math:: \sigma_1 = 2 \frac{dW}{dI_1} (\lambda_{max}^2 - \lambda_{min}^2)
 
-    Gas pressure on the inner face is neglected, being small beside the wall's stress.
+    Gas pressure on the inner face is neglected, being small relative to the wall's stress.
 
     Parameters
     ----------
@@ -698,7 +698,7 @@ def largest_cauchy_stress(law: Yeoh, stretches: npt.ArrayLike) -> FloatArray:
 def equivalent_uniaxial_stretch(
     stretches: npt.ArrayLike, criterion: Criterion = "principal_stretch", law: Yeoh | None = None
 ) -> FloatArray:
-    """Return the stretch in uniaxial tension at which the criterion sees the same.
+    """Return the stretch in uniaxial tension that the criterion considers equivalent.
 
     Parameters
     ----------
@@ -733,9 +733,9 @@ def equivalent_uniaxial_stretch(
         return energy_equivalent_stretch(stretches)
     if criterion != "cauchy_stress":
         known = (*CRITERIA, "strain_energy")
-        raise ValueError(f"unknown criterion {criterion!r}; one of {', '.join(known)}")
+        raise ValueError(f"unknown criterion {criterion!r}; use one of {', '.join(known)}")
     if law is None:
-        raise ValueError("the criterion 'cauchy_stress' needs the material's law")
+        raise ValueError("the criterion 'cauchy_stress' needs the material law")
     return uniaxial_stretch(law, largest_cauchy_stress(law, stretches))
 
 
@@ -746,7 +746,7 @@ def utilisation(
     criterion: Criterion = "principal_stretch",
     law: Yeoh | None = None,
 ) -> FloatArray:
-    r"""Return how much of the elongation limit a state uses up; 1 is rupture.
+    r"""Return the share of the elongation limit that a state uses; 1 is rupture.
 
     .. math:: u = \frac{\lambda_{eq} - 1}{\lambda_b - 1}
 
@@ -780,13 +780,13 @@ def utilisation(
 
 
 STEPS, LARGEST_STEP, CLOSE = 60, 0.3, 1e-9
-"""Of Newton, in ln stretch: how many at most, the largest one, and the one that is the last; five
-or six are enough from a stretch nearby."""
-_NUDGE = 1e-6  # of a stretch, for the slope of its stress
+"""Of Newton's method, in ln stretch: maximum number of steps, largest step, and step size at
+convergence; five or six steps suffice from a nearby start."""
+_NUDGE = 1e-6  # relative stretch increment for the stress derivative
 
 
 def uniaxial_stretch(law: Yeoh, stress: npt.ArrayLike, *, start: npt.ArrayLike = 1.5) -> FloatArray:
-    """Return the stretch in uniaxial tension with a Cauchy stress, by Newton in its logarithm.
+    """Return the uniaxial stretch for a Cauchy stress, by Newton's method in its logarithm.
 
     Parameters
     ----------
@@ -795,7 +795,7 @@ def uniaxial_stretch(law: Yeoh, stress: npt.ArrayLike, *, start: npt.ArrayLike =
     stress : array_like
         [MPa], not negative.
     start : array_like
-        A stretch nearby [–].
+        Initial guess [–].
 
     Returns
     -------
@@ -820,7 +820,7 @@ def uniaxial_stretch(law: Yeoh, stress: npt.ArrayLike, *, start: npt.ArrayLike =
     return np.where(np.isfinite(step) & (np.abs(step) < _SETTLED), found, np.nan)
 
 
-_SETTLED = 1e-6  # a last step above that has not arrived
+_SETTLED = 1e-6  # a larger last step has not converged
 
 
 def _uniaxial_stress(law: Yeoh, stretch: FloatArray) -> FloatArray:

@@ -1,1 +1,1 @@
-"""What was measured: one module for each kind of data."""
+"""Measured data: one module for each kind."""

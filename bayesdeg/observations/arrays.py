@@ -13,7 +13,7 @@ Rows = NDArray[np.intp]
 
 
 def padded(columns: Sequence["pd.Series[float]"], size: int, *, fill: float) -> Floats:
-    """Return columns as rows of one length, filled up where they are shorter."""
+    """Return columns as rows of equal length, padded where shorter."""
     out = np.full((len(columns), size), fill)
     for row, column in enumerate(columns):
         out[row, : len(column)] = column.to_numpy(np.float64)
@@ -21,9 +21,9 @@ def padded(columns: Sequence["pd.Series[float]"], size: int, *, fill: float) -> 
 
 
 def chosen[T](data: T, rows: Rows) -> T:
-    """Return some specimens of a frozen dataclass that holds one entry for each in every field.
+    """Select specimens from a frozen dataclass whose fields have one entry per specimen.
 
-    A field may be None: nothing was recorded of any.
+    A field may be None: nothing was recorded.
     """
     found: dict[str, Any] = {}
     for field in fields(data):  # type: ignore[arg-type]

@@ -24,7 +24,7 @@ class BreakTable:
     Parameters
     ----------
     specimens : tuple of str
-        One a specimen.
+        One per specimen.
     degradation, degradation_sd : array, shape (n,)
         D_R of the film and its standard error [%].
     elongation : array, shape (n,)
@@ -61,7 +61,7 @@ class Breaks(Observations):
     Parameters
     ----------
     table : BreakTable
-        What was read.
+        The readings.
     """
 
     name: ClassVar[str] = "breaks"
@@ -89,7 +89,7 @@ class Breaks(Observations):
         score, log_scale = self._scores(state)
         if state.world.scatter_law == "lognormal":
             return Parts(normal=((score, log_scale),))
-        # the expected information of a shift of ln elongation by one sd is that of Gumbel's law
+        # the expected information of a shift of ln elongation by one sd is that of the Gumbel law
         return Parts(events=((score_density(score, "weibull") - log_scale, GUMBEL * score),))
 
     @override
@@ -98,7 +98,7 @@ class Breaks(Observations):
 
     @override
     def least(self, digits: Mapping[str, float]) -> dict[str, float]:
-        """Return that of the scatter of ln elongation, of which the longest has least."""
+        """Return the bound of the scatter of ln elongation, smallest for the longest elongation."""
         digit = digits.get("elongation_pct", 0.0)
         return {"elongation_scatter": ROUNDING * digit / float(self.table.elongation.max())}
 
@@ -116,7 +116,7 @@ class Breaks(Observations):
 
     @override
     def start(self, world: FilmsAndActuators) -> dict[str, float]:
-        """Return values at the nodes by least squares, in which ln elongation is linear."""
+        """Return nodal values by least squares, as ln elongation is linear in them."""
         nodes = world.elongation_nodes
         weights = lagrange_weights(self.table.degradation, nodes)
         at_nodes = np.linalg.lstsq(weights, np.log(self.table.elongation), rcond=None)[0]
@@ -126,7 +126,7 @@ class Breaks(Observations):
         }
 
     def _scores(self, state: State[FilmsAndActuators]) -> tuple[Floats, Floats]:
-        """Return scores at break, and ln of the elongation that one of them amounts to [%]."""
+        """Return scores at break, and ln of the elongation change per unit score [%]."""
         median, spread = self._law(state)
         elongation = self.table.elongation
         return np.log(elongation / median) / spread, np.log(spread * elongation)
@@ -140,6 +140,6 @@ class Breaks(Observations):
 
 
 def from_study(study: Study) -> tuple[Breaks, ...]:
-    """Return the elongations at break of a study, if there are any."""
+    """Return the elongations at break of a study, if any."""
     table = break_table(study)
     return () if table is None else (Breaks(table),)

@@ -1,7 +1,7 @@
-"""Recordings of motion capture in place of readings: the columns of ``captures.csv``.
+"""Motion capture recordings instead of readings: the columns of ``captures.csv``.
 
-A row is a hold: the markers of a recording are averaged over its frames, and their line is read as
-one of ``markers.csv`` is; see `bayesdeg.pipeline.captured`.
+A row is a hold: a recording's markers are averaged over its frames, and their line is read like one
+of ``markers.csv``; see `bayesdeg.pipeline.captured`.
 """
 
 import pandera.pandas as pa

@@ -1,8 +1,8 @@
-"""The kinds of data: every module of this package that reads one from a study.
+"""The kinds of data: every module of this package that reads data from a study.
 
-Such a module has ``from_study``; one whose data are part of another's, as ruptures are of actuators
-whose curvature was read, has ``from_observations``. One whose file is not among those of films and
-actuators has ``TABLE``, its columns.
+Such a module has ``from_study``; one whose data are part of another kind, as ruptures are of
+actuators whose curvature was read, has ``from_observations``. One with its own file, beyond those
+of films and actuators, has ``TABLE``, its columns.
 """
 
 import importlib
@@ -27,7 +27,7 @@ def _discover() -> tuple[ModuleType, ...]:
 
 MODULES = _discover()
 
-#: Every file of data by its name in a study.
+#: All data files by their names in a study.
 TABLES: Mapping[str, Table] = MappingProxyType(
     {**tables.TABLES} | {one.TABLE.name: one.TABLE for one in MODULES if hasattr(one, "TABLE")}
 )
@@ -35,22 +35,22 @@ DATA_FILES = tuple(table.file for table in TABLES.values())
 
 
 def in_order(kinds: Iterable[Observations]) -> tuple[Observations, ...]:
-    """Return kinds of data in the order in which they are simulated and shown."""
+    """Return kinds of data in their order of simulation and display."""
     return tuple(sorted(kinds, key=lambda one: one.order))
 
 
 def of_kind[K: Observations](found: Iterable[Observations], kind: type[K]) -> tuple[K, ...]:
-    """Return the data of a kind: one, or none."""
+    """Return the data of one kind: one entry, or none."""
     return tuple(one for one in found if isinstance(one, kind))
 
 
 def observations_of(study: Study) -> tuple[Observations, ...]:
-    """Return everything that a study has measured.
+    """Return all data of a study.
 
     Raises
     ------
     StudyError
-        If what is there cannot be data.
+        If data are invalid.
     """
     found: list[Observations] = []
     for module in MODULES:

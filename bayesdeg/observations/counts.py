@@ -1,17 +1,17 @@
-"""How many of some actuators burst before a pressure: published, or counted in a study's own tests.
+"""Counts of actuators that burst below a pressure: published, or from a study's own tests.
 
-Actuators of a level are alike but for their stiffness and their strength. One of them bursts with
+Actuators of a level differ only in stiffness and strength. One of them bursts with probability
 
     p = Σ_q w_q F( ln[(λ_q − 1)/(λ_b − 1)] / s ),
 
 F the law of strengths, over a Gauss–Hermite rule for its stiffness, and the count is binomial.
-Every cause of the model acts on these tests as on those of the study: a prompt first loading in a
-horizontal mount, in the room of the study's own tests where its humidity is known.
+Every cause of the model acts on these tests as on those of the study: a fast first loading in a
+horizontal mount, in the room of the study's own tests if its humidity is known.
 
-Counts are no part of a base model: one of walls without flaws may hold them for next to impossible,
-and would give up its stiffness before it believes them (two of three at 25 % and none below, of
-doi:10.3389/frobt.2021.760485, leave a material three times as soft as its films). They are held
-against the model (`bayesdeg.criticism.checks.count_misfit`) and join it with a cause of ruptures.
+Counts are not part of a base model: one without flaws may find them almost impossible, and would
+distort its stiffness to explain them (two of three at 25 % and none below, of
+doi:10.3389/frobt.2021.760485, give a material three times as soft as its films). They are compared
+with the model (`bayesdeg.criticism.checks.count_misfit`) and join it with a cause of ruptures.
 """
 
 from dataclasses import dataclass, field
@@ -35,7 +35,7 @@ from bayesdeg.observations.specimens import FilmsAndActuators
 Floats = NDArray[np.float64]
 
 SMALLEST_ELONGATION = 1e-6
-"""Of a wall that pressure does not stretch; its logarithm has to be finite."""
+"""Strain of a wall that pressure does not stretch; its logarithm must be finite."""
 STIFFNESS_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 """Gauss–Hermite rule for the specimen's own stiffness, in standard deviations."""
 _LOG_WEIGHTS = np.log(_WEIGHTS / np.sum(_WEIGHTS))
@@ -44,7 +44,7 @@ _LOG_WEIGHTS = np.log(_WEIGHTS / np.sum(_WEIGHTS))
 class Chances(NamedTuple):
     """Log probabilities that a specimen bursts, and that it does not, (n, n_levels).
 
-    nan where the mean specimen has no answer.
+    nan where the mean specimen has no solution.
     """
 
     burst: Floats
@@ -52,21 +52,21 @@ class Chances(NamedTuple):
 
 
 def rupture_chances(peak_stretch: Floats, strength: Strength) -> Chances:
-    r"""Return the log probabilities that a specimen of a level bursts or stays whole.
+    r"""Return the log probabilities that a specimen of a level bursts or survives.
 
     .. math:: p = \sum_q w_q (1 - S(\lambda_q - 1))
 
-    with S of `Strength.log_whole`. In logarithms throughout, so that what the model holds for next
-    to impossible gets a very small probability and not zero.
+    with S of `Strength.log_whole`. In logarithms throughout, so that nearly impossible outcomes get
+    a very small probability and not zero.
 
     Parameters
     ----------
     peak_stretch : array, shape (n, n_levels, 7)
-        Stretch demanded at the largest pressure at the nodes of the rule [–]. Nodes where it is nan
-        are left out, and the rest reweighted; all is nan where the middle one, the mean specimen,
+        Stretch demanded at the largest pressure at the nodes of the rule [–]. Nodes with nan are
+        left out and the rest reweighted; everything is nan if the middle one, the mean specimen,
         is.
     strength : Strength
-        Of the walls of each level, (n, n_levels).
+        Strength of the walls of each level, (n, n_levels).
     """
     answered = np.isfinite(peak_stretch[..., len(STIFFNESS_NODES) // 2])
     known = np.isfinite(peak_stretch) | ~answered[..., None]
@@ -82,7 +82,7 @@ def rupture_chances(peak_stretch: Floats, strength: Strength) -> Chances:
 
 
 def log_count(ruptured: Floats, tested: Floats, chances: Chances) -> Floats:
-    """Return the binomial log probability of counts, in the shape that all broadcast to.
+    """Return the binomial log probability of counts, broadcast to a common shape.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def log_count(ruptured: Floats, tested: Floats, chances: Chances) -> Floats:
     """
     gammaln = scipy.special.gammaln
     ways = gammaln(tested + 1.0) - gammaln(ruptured + 1.0) - gammaln(tested - ruptured + 1.0)
-    with np.errstate(invalid="ignore"):  # none of it times the logarithm of 0
+    with np.errstate(invalid="ignore"):  # 0 times the logarithm of 0
         some = np.where(ruptured > 0.0, ruptured * chances.burst, 0.0 * np.isnan(chances.burst))
         rest = tested - ruptured
         others = np.where(rest > 0.0, rest * chances.whole, 0.0)
@@ -102,7 +102,7 @@ def log_count(ruptured: Floats, tested: Floats, chances: Chances) -> Floats:
 
 @dataclass(frozen=True)
 class CountedTests:
-    """Actuators of which is known how many burst, level by level.
+    """Actuators with known numbers of ruptures, level by level.
 
     Parameters
     ----------
@@ -111,11 +111,11 @@ class CountedTests:
     degradation, degradation_sd : array, shape (n_levels, 1)
         D_R and its standard error from specimen to specimen [%].
     pressure : array, shape (n_levels,)
-        Up to which they were tested [kPa].
+        Largest test pressure [kPa].
     tested, ruptured : array, shape (n_levels,)
         Number of actuators, and of those that burst.
     humidity : array, shape (n_levels,)
-        Relative humidity of the room [%]; nan where it is not known, as of published counts.
+        Relative humidity of the room [%]; nan if unknown, as for published counts.
     """
 
     specimens: tuple[str, ...]
@@ -127,22 +127,22 @@ class CountedTests:
     humidity: Floats = field(default_factory=lambda: np.array(np.nan))
 
     def __post_init__(self) -> None:
-        """Bring a humidity of all levels to the shape of the others."""
+        """Broadcast a common humidity to all levels."""
         shape = self.pressure.shape
         object.__setattr__(self, "humidity", np.broadcast_to(self.humidity, shape))
 
     @cached_property
     def conditions(self) -> Conditions:
-        """What was set: one reading at the largest pressure for each node of stiffness."""
+        """Test conditions: one reading at the largest pressure for each node of stiffness."""
         pressure = self.pressure[:, None] * np.ones(len(STIFFNESS_NODES))
         return Conditions(pressure, self.degradation, humidity=self.humidity[:, None])
 
 
 def counted_by_level(curves: ActuatorCurves) -> CountedTests:
-    """Return how many of a study's own actuators burst, by the levels that they were meant to have.
+    """Return how many of a study's own actuators burst, by nominal level.
 
-    Each level was tested up to the largest pressure that any of its actuators met, in the room of
-    the median humidity of its tests.
+    Each level counts as tested up to the largest pressure that any of its actuators reached, at the
+    median humidity of its tests.
     """
     centres, member = levels(curves.degradation[:, 0])
     burst = curves.ruptured.any(axis=1)
@@ -161,14 +161,14 @@ def counted_by_level(curves: ActuatorCurves) -> CountedTests:
 
 
 class Demand(NamedTuple):
-    """What the largest pressure demands of the actuators of each level.
+    """Stretch demanded of the actuators of each level at the largest pressure.
 
     Parameters
     ----------
     stretch : array, shape (n, n_levels, 7)
-        Peak stretch over the nodes of stiffness [–]; nan where the forward map has no answer.
+        Peak stretch over the nodes of stiffness [–]; nan where the forward map has no solution.
     excess : array, shape (n, n_levels)
-        How far outside its range the forward map was asked for the mean specimen, where it goes on
+        Distance outside the forward map's range for the mean specimen, if the map continues
         there: the likelihood falls with its square; else 0.
     """
 
@@ -177,7 +177,7 @@ class Demand(NamedTuple):
 
 
 def demand_of(state: State[FilmsAndActuators], tests: CountedTests) -> Demand:
-    """Return what the largest pressure demands of the actuators of each level."""
+    """Return the stretch demanded of the actuators of each level at the largest pressure."""
     spread = state.once(parts_of, tests).spread
     deviation = np.sqrt(spread)[..., None] * STIFFNESS_NODES
     prediction = state.world.answer(inputs_met(state, tests, deviation), state.values)
@@ -192,7 +192,7 @@ def demand_of(state: State[FilmsAndActuators], tests: CountedTests) -> Demand:
 
 
 def chances_of(state: State[FilmsAndActuators], tests: CountedTests) -> Chances:
-    """Return the log probabilities that an actuator of each level bursts or not."""
+    """Return the log probabilities that an actuator of each level bursts or survives."""
     return rupture_chances(state.once(demand_of, tests).stretch, strength_of(state, tests))
 
 

@@ -1,6 +1,6 @@
-"""Curvature against pressure of actuators, with the bend angle where it was read too.
+"""Curvature against pressure of actuators, with the bend angle where recorded.
 
-The inner loop goes from predictions to densities of whole specimens in one compiled pass.
+The inner loop computes densities of whole specimens from predictions in one compiled pass.
 """
 
 import math
@@ -75,25 +75,25 @@ _ACTUATOR = (
         "volume of the part over that of its mould, α",
     ),
     Parameter("paper_stiffness", LogNormal(3e4, 0.7), "N/m", "Young's modulus times thickness"),
-    Parameter("curvature_noise", HalfNormal(0.05), "–", "reading error of curvature, proportional"),
+    Parameter("curvature_noise", HalfNormal(0.05), "–", "proportional reading error of curvature"),
     Parameter(
-        "curvature_noise_floor", HalfNormal(0.3), "1/m", "reading error of curvature, constant"
+        "curvature_noise_floor", HalfNormal(0.3), "1/m", "constant reading error of curvature"
     ),
 )
-LONGEST_NOISE = 0.15  # of the pressure range: what lasts longer is no noise but an effect to name
+LONGEST_NOISE = 0.15  # of the pressure range: longer correlations are effects to name, not noise
 BEND_ANGLE = (
-    Parameter("bend_angle_noise", HalfNormal(0.05), "–", "reading error of angle, proportional"),
-    Parameter("bend_angle_noise_floor", HalfNormal(0.7), "°", "reading error of angle, constant"),
+    Parameter("bend_angle_noise", HalfNormal(0.05), "–", "proportional reading error of angle"),
+    Parameter("bend_angle_noise_floor", HalfNormal(0.7), "°", "constant reading error of angle"),
     Parameter(
         "reading_correlation",
         TruncatedNormal(0.0, 0.5, -0.98, 0.98),
         "–",
-        "correlation of the reading errors of curvature and angle in one picture",
+        "correlation of the reading errors of curvature and angle in a picture",
     ),
 )
-#: Of lines of points: a curvature is an angle over a length whose error is small beside it.
+#: For lines of points: curvature is angle over a length of relatively small error.
 _OF_ONE_LINE = TruncatedNormal(0.95, 0.1, -0.98, 0.98)
-_ERROR_MEANING = "error of the emulator common to all curves, {}, in its own standard errors"
+_ERROR_MEANING = "emulator error common to all curves, {}, in standard errors"
 EMULATOR = (
     Parameter("emulator_error_level", Normal(0.0, 1.0), "–", _ERROR_MEANING.format("on average")),
     Parameter(
@@ -108,7 +108,7 @@ EMULATOR = (
 )
 
 OF_DEGRADATION = ("volume_ratio", "emulator_error_degradation")
-"""Parameters of actuators that a study without degradation and shrinkage does not have."""
+"""Parameters of actuators that a study without degradation and shrinkage lacks."""
 
 
 def actuator_parameters(largest_pressure: float) -> tuple[Parameter, ...]:
@@ -117,20 +117,20 @@ def actuator_parameters(largest_pressure: float) -> tuple[Parameter, ...]:
         "curvature_noise_length",
         Uniform(0.005 * largest_pressure, LONGEST_NOISE * largest_pressure),
         "kPa",
-        "pressure over which reading errors stay alike",
+        "correlation length of reading errors in pressure",
     )
     return (*_ACTUATOR, length)
 
 
 class Ruptures(NamedTuple):
-    """Between which readings actuators burst, or which they survived, (n_specimens,).
+    """Readings between which actuators burst, or which they survived, (n_specimens,).
 
     Parameters
     ----------
     survived : array of int
-        The row of the largest pressure that was survived, below that of the rupture; −1 if none.
+        Row of the largest survived pressure below the rupture; −1 if none.
     burst : array of int
-        The row at whose pressure the specimen burst; −1 if it did not.
+        Row at whose pressure the specimen burst; −1 if it did not.
     """
 
     survived: NDArray[np.int64]
@@ -139,40 +139,40 @@ class Ruptures(NamedTuple):
 
 @dataclass(frozen=True)
 class ActuatorCurves:
-    """Curvature–pressure curves, with the bend angle where it was read too.
+    """Curvature–pressure curves, with the bend angle where recorded.
 
     Parameters
     ----------
     specimens : tuple of str
-        One a curve.
+        One per curve.
     degradation, degradation_sd : array, shape (n_specimens, 1)
-        D_R as measured and its standard error [%]; (n, n_specimens, 1) where new specimens are
-        predicted that have a rate of their own in each draw.
+        D_R as measured and its standard error [%]; (n, n_specimens, 1) for predictions of new
+        specimens with their own rate in each draw.
     pressure, curvature : array, shape (n_specimens, n_points)
         As read [kPa], [1/m].
     curvature_sd, angle_sd : array, shape (n_specimens, n_points)
-        Reading errors that were recorded; 0 where there is none [1/m], [°].
+        Recorded reading errors; 0 where there is none [1/m], [°].
     mask : array of bool, shape (n_specimens, n_points)
-        Where there is an observation; a reading at zero pressure is zero by definition and none.
+        Where there is an observation; readings at zero pressure, zero by definition, do not count.
     bend_angle : array, shape (n_specimens, n_points)
         As read [°].
     angle_mask : array of bool, shape (n_specimens, n_points)
-        Where there is a bend angle. One without a curvature is not used, nor one that was computed
-        from it, see `bayesdeg.data.plausibility.computed_angles`.
+        Where there is a bend angle. Angles without a curvature, or computed from it, are not
+        used; see `bayesdeg.data.plausibility.computed_angles`.
     recorded, ruptured : array of bool, shape (n_specimens, n_points)
-        Rows that are there, and those at whose pressure the specimen burst.
+        Existing rows, and those at whose pressure the specimen burst.
     cycle : array of int, branch : array of str, shape (n_specimens, n_points)
         Loading cycle and branch.
     time, humidity : array, shape (n_specimens, n_points)
-        Since the specimen's first row [s], of the room [%]; nan where not recorded.
+        Time since the specimen's first row [s], humidity of the room [%]; nan where not recorded.
     mount : array of str, shape (n_specimens, n_points)
-        How it was held.
+        Mount of the specimen.
     temperature : array, shape (n_specimens, n_points), optional
         Of the room [°C]; nan where not recorded.
     batch : array of int, shape (n_specimens, 1), optional
-        Of which batch it is, see `bayesdeg.data.batches.batch_numbers`.
+        Number of its batch, see `bayesdeg.data.batches.batch_numbers`.
     batch_name : array of str, shape (n_specimens, 1), optional
-        What the study calls it; empty where none is recorded.
+        Name of its batch; empty where none is recorded.
     """
 
     specimens: tuple[str, ...]
@@ -198,7 +198,7 @@ class ActuatorCurves:
 
     @cached_property
     def conditions(self) -> Conditions:
-        """What the experiment set or recorded."""
+        """Set and recorded conditions of the experiment."""
         return Conditions(
             self.pressure,
             self.degradation,
@@ -213,12 +213,12 @@ class ActuatorCurves:
 
     @cached_property
     def with_angle(self) -> bool:
-        """Whether there is a bend angle at all."""
+        """Whether any bend angle was recorded."""
         return bool(self.angle_mask.any())
 
     @cached_property
     def readings(self) -> Floats:
-        """Curvatures [1/m], then bend angles [°] if there are any, (n_specimens, n_readings)."""
+        """Curvatures [1/m], then bend angles [°] if any, (n_specimens, n_readings)."""
         both = (self.curvature, self.bend_angle) if self.with_angle else (self.curvature,)
         return np.concatenate(both, axis=1)
 
@@ -238,7 +238,7 @@ class ActuatorCurves:
 
     @cached_property
     def ruptures(self) -> Ruptures:
-        """Between which readings each specimen burst, or which it survived."""
+        """Readings between which each specimen burst, or which it survived."""
         any_burst = self.ruptured.any(axis=1)
         burst = np.where(any_burst, np.argmax(self.ruptured, axis=1), -1)
         at_burst = np.where(any_burst, self.pressure[np.arange(len(burst)), burst], np.inf)
@@ -252,7 +252,7 @@ class ActuatorCurves:
         return chosen(self, rows)
 
     def with_readings(self, readings: Floats) -> Self:
-        """Return the same tests with other readings, (n_specimens, n_readings)."""
+        """Return the same tests with different readings, (n_specimens, n_readings)."""
         points = self.pressure.shape[1]
         curvature = np.where(self.mask, readings[:, :points], 0.0)
         if not self.with_angle:
@@ -262,7 +262,7 @@ class ActuatorCurves:
 
 
 def actuator_curves(study: Study) -> ActuatorCurves | None:
-    """Return the actuator's curves, in the order in which they were taken."""
+    """Return the actuators' curves in the order of reading."""
     table = study.actuator
     if table is None:
         return None
@@ -298,7 +298,7 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
         cycle=padded([g["cycle"] for g in groups], size, fill=1.0).astype(np.int64),
         time=padded([g["time_s"] for g in groups], size, fill=np.nan),
         humidity=padded([g["humidity_pct"] for g in groups], size, fill=np.nan),
-        # rows that are not there are held as those that are
+        # missing rows get the mount of the existing ones
         mount=np.array([[*g["mount"], *[g["mount"].iloc[-1]] * (size - len(g))] for g in groups]),
         branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
         temperature=padded([g["temperature_C"] for g in groups], size, fill=np.nan),
@@ -308,16 +308,16 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
 
 
 class Curves(NamedTuple):
-    """What a forward map with its causes predicts of actuators, (n, n_specimens, n_points).
+    """Predictions of a forward map with causes for actuators, (n, n_specimens, n_points).
 
     Parameters
     ----------
     curvature, slope, curvature_sd : array
         With causes [1/m]; the slope is p ∂κ/∂p.
     angle, angle_sd : array
-        With causes [°]; not read where no angle was read.
+        With causes [°]; unused without recorded angles.
     unread_curvature, unread_slope : array
-        Before causes that act on the reading [1/m]; not read where no angle was read.
+        Before causes that act on the reading [1/m]; unused without recorded angles.
     """
 
     curvature: Floats
@@ -349,7 +349,7 @@ def curve_density(
     Parameters
     ----------
     readings : array, shape (n_specimens, n_readings)
-        Curvatures [1/m], then angles [°] if they were read.
+        Curvatures [1/m], then angles [°] if recorded.
     reading_sd : array, shape (n_specimens, n_readings)
         Recorded standard error of each [1/m], [°].
     curves : Curves
@@ -357,13 +357,13 @@ def curve_density(
     noise : array, shape (n, 4)
         Constant and proportional reading error of curvature [1/m], [–] and of angle [°], [–].
     mode, spread : array, shape (n, n_specimens)
-        Deviation of ln stiffness at which the curves are, and its variance τ².
+        Deviation of ln stiffness at which the curves are evaluated, and its variance τ².
     length, correlation : array, shape (n,)
-        As `bayesdeg.observations.noise.Linearised`.
+        As in `bayesdeg.observations.noise.Linearised`.
     mask, gap : array, shape (n_specimens, n_readings)
-        As `bayesdeg.observations.noise.Paths`.
+        As in `bayesdeg.observations.noise.Paths`.
     density, deviation : array, shape (n, n_specimens)
-        Written.
+        Output.
     """
     n, n_specimens, points = curves.curvature.shape
     alike, count, n_readings = same_path(mask, gap), 0, mask.shape[1]
@@ -432,7 +432,7 @@ def _angles(
     width: float,
     rows: Floats,
 ) -> None:
-    """Linearise the bend angles of one specimen, which grow as the curvature does."""
+    """Linearise the bend angles of one specimen, which are proportional to curvature."""
     points = len(angle)
     for j in range(points):
         relative = growth[j] / (math.inf if curvature[j] == 0.0 else curvature[j])
@@ -444,9 +444,9 @@ def _angles(
 
 
 FARTHEST = 1.0
-"""Excess over the forward map's range at which data are still simulated: it costs half a nat."""
+"""Largest excess over the forward map's range at which data are simulated: it costs half a nat."""
 PASSES = 2
-"""Linearisations, the first at no deviation."""
+"""Number of linearisations, the first at zero deviation."""
 
 
 class Predicted(NamedTuple):
@@ -456,9 +456,8 @@ class Predicted(NamedTuple):
     ----------
     prediction : Prediction
         With causes and the emulator's common error, (n, n_specimens, n_points).
-    mean, slope, variance : array, shape (n, n_specimens, n_readings)
-        Readings expected [1/m, °], their derivative by the deviation, and the variance of their
-        errors.
+        Expected readings [1/m, °], their derivative with respect to the deviation, and the
+        variance of their errors.
     """
 
     prediction: Prediction
@@ -468,16 +467,16 @@ class Predicted(NamedTuple):
 
 
 class AtPressures(Protocol):
-    """Tests of actuators at pressures, whatever was read in them.
+    """Tests of actuators at pressures, with any kind of reading.
 
     Parameters
     ----------
     specimens : tuple of str
-        One a test.
+        One per test.
     degradation, degradation_sd : array, shape (n_specimens, 1)
         D_R as measured and its standard error [%].
     conditions : Conditions
-        What was set or recorded.
+        Set and recorded conditions.
     """
 
     @property
@@ -491,7 +490,7 @@ class AtPressures(Protocol):
 
 
 def believed_degradation(state: State[FilmsAndActuators], data: AtPressures) -> Degradation:
-    """Return degradation rates and their standard errors [%], each (n, n_specimens)."""
+    """Return estimated degradation rates and their standard errors [%], each (n, n_specimens)."""
     recorded = Degradation(data.degradation, data.degradation_sd)
     believed = applied("on_degradation", recorded, data.conditions, state.acting())
     shape = (len(state), len(data.specimens))
@@ -507,26 +506,26 @@ class ActuatorMaterial(NamedTuple):
 
 
 def parts_of(state: State[FilmsAndActuators], data: AtPressures) -> ActuatorMaterial:
-    """Return what is believed of the actuators' material."""
+    """Return the actuators' material."""
     believed = state.once(believed_degradation, data)
     material = state.world.material(state.values, shared(believed.value))
     return ActuatorMaterial(material, stiffness_spread(state.values, material, believed.sd))
 
 
 def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats) -> Predicted:
-    """Return what actuators with these deviations of ln stiffness, (n, n_specimens, 1), read."""
+    """Predict readings at these deviations of ln stiffness, (n, n_specimens, 1)."""
     return _readings(data, state.values, *_predictions(state, data, deviation))
 
 
 def inputs_met(state: State[FilmsAndActuators], data: AtPressures, deviation: Floats) -> Inputs:
-    """Return what the mechanics of actuators met, with causes.
+    """Return the inputs of the mechanics under causes.
 
     Parameters
     ----------
     state : State
         Named values, (n,).
     data : AtPressures
-        What was set.
+        The tests.
     deviation : array, shape (n, n_specimens, 1)
         Of each specimen's ln stiffness.
     """
@@ -555,8 +554,8 @@ def _predictions(
 ) -> tuple[Prediction, Prediction]:
     """Return predictions before and after causes that act on the reading.
 
-    Without the strain that the criterion sees, which takes as long as the rest, the peak stretch
-    is that of the forward map.
+    Without the criterion's strain measure, which takes as long as the rest, the peak stretch is
+    that of the forward map.
     """
     causes, met = state.acting(), inputs_met(state, data, deviation)
     world = state.world
@@ -586,7 +585,7 @@ def linearise_actuators(
 def log_density(state: State[FilmsAndActuators], data: ActuatorCurves) -> tuple[Floats, Prediction]:
     """Return log densities of whole specimens, (n, n_specimens), and their prediction.
 
-    It is that of the readings as `linearise_actuators` linearises them.
+    The readings are linearised by `linearise_actuators`.
     """
     _, density, prediction = _mode_and_density(state, data, passes=PASSES)
     return density, prediction
@@ -601,7 +600,7 @@ def _mode_and_density(
 ) -> tuple[Floats, Floats, Prediction]:
     """Return the most probable deviations, and density and prediction of the last pass.
 
-    The mode that the last pass finds comes after its density, which is at the mode before it.
+    The density of the last pass is evaluated at the previous mode.
     """
     values, spread = state.values, state.once(parts_of, data).spread
     names = ["curvature_noise_floor", "curvature_noise"]
@@ -647,16 +646,16 @@ def _curves(mechanics: Prediction, prediction: Prediction) -> Curves:
 
 
 def reading_correlation(values: Named, data: ActuatorCurves) -> Floats:
-    """Return the correlation of the errors of both outputs, (n,); 0 where there is one."""
+    """Return the correlation of the errors of both outputs, (n,); 0 if there is only one."""
     if data.with_angle:
         return values["reading_correlation"]
     return np.zeros(len(values["curvature_noise_length"]))
 
 
 def range_excess(data: ActuatorCurves, prediction: Prediction) -> Floats:
-    """Return how far outside the forward map's range readings of each specimen lie, (n, S).
+    """Return how far each specimen's readings lie outside the forward map's range, (n, S).
 
-    The root of the sum of squares over the readings that there are; 0 of maps that do not go on.
+    Root of the sum of squares over existing readings; 0 for maps that do not extrapolate.
     """
     if prediction.excess is None or not prediction.excess.any():
         return np.zeros((len(prediction.curvature), len(data.specimens)))
@@ -669,12 +668,12 @@ def range_excess(data: ActuatorCurves, prediction: Prediction) -> Floats:
 def _with_common_error(
     state: State[FilmsAndActuators], data: ActuatorCurves, prediction: Prediction
 ) -> Prediction:
-    """Shift a prediction by the emulator's error, which all curves share."""
+    """Shift a prediction by the emulator error common to all curves."""
     if "emulator_error_level" not in state.values:
         return prediction
     g = state.once(common_error, data)
     nothing = np.zeros_like(prediction.sd)
-    with np.errstate(invalid="ignore"):  # what is refused may be infinite
+    with np.errstate(invalid="ignore"):  # refused values may be infinite
         return replace(
             prediction,
             curvature=prediction.curvature + g * prediction.sd,
@@ -715,7 +714,7 @@ def _readings(
     if not data.with_angle:
         return Predicted(prediction, mean, slope, variance)
     angle = prediction.bend_angle
-    # the length of the bottom line hardly depends on pressure: angle and curvature grow alike
+    # the bottom line's length hardly depends on pressure: angle and curvature are proportional
     growth = mechanics.slope / np.where(mechanics.curvature == 0.0, np.inf, mechanics.curvature)
     noise = values["bend_angle_noise"][:, None, None] * angle
     floor = values["bend_angle_noise_floor"][:, None, None]
@@ -732,14 +731,14 @@ def _readings(
 
 @dataclass(frozen=True)
 class Curvature(Observations):
-    """Curvatures of actuators, and bend angles where they were read.
+    """Curvatures of actuators, and bend angles where recorded.
 
     Parameters
     ----------
     curves : ActuatorCurves
-        What was read.
+        The readings.
     of_lines : bool
-        Whether curvature and angle were read of the same points.
+        Whether curvature and angle were read from the same points.
     """
 
     name: ClassVar[str] = "actuator"
@@ -872,7 +871,7 @@ class Curvature(Observations):
     def predicted(
         self, state: State[FilmsAndActuators], deviation: Floats | None = None
     ) -> Predicted:
-        """Return readings expected of the actuators, with their errors' variances.
+        """Return expected readings of the actuators, with error variances.
 
         Parameters
         ----------
@@ -890,7 +889,7 @@ class Curvature(Observations):
         return state.once(linearise_actuators, self.curves)[0]
 
     def range_excess(self, state: State[FilmsAndActuators]) -> Floats:
-        """Return how far outside the forward map's range each actuator is asked, (n, S).
+        """Return how far outside the forward map's range each actuator lies, (n, S).
 
         At the most probable deviations of the specimens, as in the density: the log likelihood
         falls with half its square; 0 inside.
@@ -902,12 +901,12 @@ class Curvature(Observations):
         return np.sqrt(state.once(parts_of, self.curves).spread)[..., None]
 
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        """Draw readings that new specimens in the same tests would show, one set a draw.
+        """Draw readings of new specimens in the same tests, one set per draw.
 
         Returns
         -------
         array, shape (n, n_specimens, n_readings)
-            Curvatures [1/m], then bend angles [°]; nan where the forward map has no answer.
+            Curvatures [1/m], then bend angles [°]; nan where the forward map has no solution.
         """
         return draw_readings(state, self.curves, generator).readings
 
@@ -954,7 +953,7 @@ class DrawnCurves(NamedTuple):
     readings : array, shape (n, n_specimens, n_readings)
         Curvatures [1/m], then bend angles [°].
     predicted : Predicted
-        Without their errors.
+        Predictions without reading errors.
     deviation : array, shape (n, n_specimens, 1)
         Of each specimen's ln stiffness.
     """
@@ -967,7 +966,7 @@ class DrawnCurves(NamedTuple):
 def draw_readings(
     state: State[FilmsAndActuators], data: ActuatorCurves, generator: np.random.Generator
 ) -> DrawnCurves:
-    """Draw readings of new specimens, see `Curvature.drawn`, and what was predicted of them."""
+    """Draw readings of new specimens, see `Curvature.drawn`, and their predictions."""
     sd = np.sqrt(state.once(parts_of, data).spread)[..., None]
     deviation = sd * generator.standard_normal(sd.shape)
     predicted = predict(state, data, deviation)
@@ -978,6 +977,6 @@ def draw_readings(
 
 
 def from_study(study: Study) -> tuple[Curvature, ...]:
-    """Return the curves of a study, if there are any."""
+    """Return the curves of a study, if any."""
     curves = actuator_curves(study)
     return () if curves is None else (Curvature(curves, study.line_points is not None),)

@@ -1,10 +1,10 @@
 r"""Blocked tip force against pressure: the tip is held in the bending direction.
 
-The actuator is a beam, straight and clamped at one end, of one section all along: an elastomer of
-Young's modulus E, area A and centroid height :math:`\bar z` above a paper that is a membrane of
-stiffness k = (E t) b. Pressure acts on the opening of a chamber, of area :math:`A_c` and centre
-:math:`z_c`. Balance of axial force and of moment gives the moment that bends the beam, that of the
-pressure about the neutral axis,
+The actuator is modelled as a straight clamped beam of uniform section: an elastomer of Young's
+modulus E, area A and centroid height :math:`\bar z` above a paper, a membrane of stiffness
+k = (E t) b. Pressure acts on the opening of a chamber, of area :math:`A_c` and centre :math:`z_c`.
+Balance of axial force and moment gives the bending moment, that of the pressure about the neutral
+axis,
 
 .. math:: M = p A_c (z_c - z_n), \qquad z_n = \frac{E A \bar z}{E A + k}.
 
@@ -13,13 +13,13 @@ it by F L³/(3 B) the other way: as long as deflections are small,
 
 .. math:: F = \frac{3}{2} \frac{M}{L},
 
-whatever B is. Degradation acts through the neutral axis alone: a stiffer elastomer moves it away
-from the paper. Walls that bulge, dividers and slots between the chambers, and large deflections are
-left out; what they do to the force as a whole is the parameter ``force_gain``. Derived here from
-the theory of composite beams. Finite elements (`bayesdeg.actuator.curve.ExactMap.tip_force`) give
-0.35 of it for a fresh default pneunet at 20 kPa, 0.54 at 200 kPa, and 0.56 to 0.58 where C1 is 1.6
-MPa. So where curvatures are in the study, and the emulator is one that is trained for it, forces
-are those of finite elements with the tip held, `HeldTip`; the beam is for forces alone.
+whatever B is. Degradation acts only through the neutral axis: a stiffer elastomer moves it away
+from the paper. Bulging walls, dividers and slots between the chambers, and large deflections are
+ignored; the parameter ``force_gain`` covers their overall effect. Derived here from composite beam
+theory. Finite elements (`bayesdeg.actuator.curve.ExactMap.tip_force`) give 0.35 of it for a fresh
+default pneunet at 20 kPa, 0.54 at 200 kPa, and 0.56 to 0.58 where C1 is 1.6 MPa. So if the study
+has curvatures and the emulator was trained for forces, forces are those of finite elements with the
+tip held, `HeldTip`; the beam is for forces alone.
 """
 
 from collections.abc import Mapping
@@ -67,15 +67,15 @@ TABLE = Table(
     supports="tip force against pressure",
 )
 _FORCE = (
-    # finite elements give 0.32 to 0.68 of it, over pressures, degradation rates and geometries
+    # finite elements give 0.32 to 0.68 over pressures, degradation rates and geometries
     Parameter("force_gain", LogNormal(0.43, 0.3), "–", "blocked tip force over that of a beam"),
-    Parameter("force_noise", HalfNormal(0.05), "–", "reading error of force, proportional"),
-    # load cells for a newton resolve some millinewtons
-    Parameter("force_noise_floor", HalfNormal(0.02), "N", "reading error of force, constant"),
+    Parameter("force_noise", HalfNormal(0.05), "–", "proportional reading error of force"),
+    # load cells for 1 N resolve some millinewtons
+    Parameter("force_noise_floor", HalfNormal(0.02), "N", "constant reading error of force"),
 )
-_MEANING = "pressure over which reading errors of force stay alike"
-SHORTEST_NOISE, LONGEST_NOISE = 0.005, 0.15  # of the pressure range, as of curvature
-LEAST = 1e-3  # share of the force by which a cause must change it to be seen
+_MEANING = "correlation length of reading errors of force in pressure"
+SHORTEST_NOISE, LONGEST_NOISE = 0.005, 0.15  # of the pressure range, as for curvature
+LEAST = 1e-3  # smallest relative change of the force by which a cause is visible
 
 
 def blocked_force(inputs: Inputs, mould: Dimensions) -> tuple[Floats, Floats]:
@@ -84,14 +84,14 @@ def blocked_force(inputs: Inputs, mould: Dimensions) -> tuple[Floats, Floats]:
     Parameters
     ----------
     inputs : Inputs
-        What the mechanics met; of its shape the scale and the thickness of walls and roof count.
+        Inputs of the mechanics; only the scale and the thickness of walls and roof are used.
     mould : Dimensions
-        As moulded [mm].
+        Dimensions as moulded [mm].
 
     Returns
     -------
     force, slope : array
-        [N]; of the shape to which the inputs broadcast.
+        [N]; in the broadcast shape of the inputs.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def blocked_force(inputs: Inputs, mould: Dimensions) -> tuple[Floats, Floats]:
     centroid = (0.5 * whole * mould.height - opening * centre) / area
     stretched = 0.0 if inputs.second_invariant is None else inputs.second_invariant
     modulus = 6.0 * inputs.c1 + np.sqrt(3.0) * stretched
-    # of N; both grow with the scale, areas with its square
+    # in N; lengths scale linearly, areas quadratically
     elastomer = modulus * area * inputs.linear_scale**2
     paper = 1e-3 * inputs.paper_stiffness * mould.width * inputs.linear_scale
     axis = centroid * elastomer / (elastomer + paper)
@@ -120,7 +120,7 @@ def blocked_force(inputs: Inputs, mould: Dimensions) -> tuple[Floats, Floats]:
 
 
 def _forces(state: State[FilmsAndActuators], data: "TipForce") -> Linearised:
-    """Linearise forces at no deviation of the specimens' ln stiffness, in which they are smooth."""
+    """Linearise forces, smooth in the specimens' ln stiffness, at zero deviation."""
     values, parts = state.values, state.once(parts_of, data.tests)
     met = inputs_met(state, data.tests, np.zeros((*parts.spread.shape, 1)))
     mean, slope = (
@@ -145,11 +145,11 @@ class TipForce(ReadAtPressures):
     Parameters
     ----------
     tests : PressureTests
-        What was read.
+        The readings.
     mould : Dimensions
-        Of the actuators.
+        Dimensions of the actuators.
     recorded : frozenset of str
-        Columns in which the file gives something.
+        Columns with data in the file.
     """
 
     name: ClassVar[str] = "force"
@@ -179,7 +179,7 @@ class TipForce(ReadAtPressures):
 
     @override
     def reveals(self, cause: Cause) -> bool:
-        """Return whether a cause of its typical size changes forces, in tests like these."""
+        """Return whether a cause of typical size changes forces in such tests."""
         conditions = self.tests.conditions
         if not set(cause.needs) <= self.recorded or cause.blind(conditions) is not None:
             return False
@@ -199,20 +199,20 @@ EMULATOR_ERROR = Parameter(
     "emulator_error_force",
     Normal(0.0, 1.0),
     "–",
-    "error of the emulator common to all tip forces, in its own standard errors",
+    "emulator error common to all tip forces, in standard errors",
 )
-# of a load cell and of how the tip rests on it: friction, and an edge that is no line
-_CELL = Parameter("force_gain", LogNormal(1.0, 0.05), "–", "blocked tip force read over computed")
+# covers the load cell and the tip contact: friction, and an edge that is not a line
+_CELL = Parameter("force_gain", LogNormal(1.0, 0.05), "–", "measured over computed tip force")
 
 
 @dataclass(frozen=True)
 class HeldTip(ReadAtPressures):
-    """Blocked tip forces of actuators that finite elements answer, beside curvatures of others.
+    """Blocked tip forces of actuators by finite elements, in addition to curvatures of others.
 
     Parameters
     ----------
     tests : PressureTests
-        What was read.
+        The readings.
     """
 
     name: ClassVar[str] = "force"
@@ -245,15 +245,15 @@ class HeldTip(ReadAtPressures):
 
 
 def _held_forces(state: State[FilmsAndActuators], data: HeldTip) -> Linearised:
-    """Linearise forces at no deviation of the specimens' ln stiffness.
+    """Linearise forces at zero deviation of the specimens' ln stiffness.
 
-    F = C1 f(p/C1), so that stiffer by a part in a hundred it changes by F − p ∂F/∂p hundredths.
+    F = C1 f(p/C1), so its derivative by ln stiffness is F − p ∂F/∂p.
     """
     values, parts = state.values, state.once(parts_of, data.tests)
     met = inputs_met(state, data.tests, np.zeros((*parts.spread.shape, 1)))
     found = state.world.forward(replace(met, asked=data.asks)).further
     if found is None:
-        raise BayesdegError("the forward map of this model does not answer tip forces")
+        raise BayesdegError("the forward map of this model does not predict tip forces")
     shape = (*parts.spread.shape, data.tests.mask.shape[1])
     error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
     gain = values["force_gain"][:, None, None]
@@ -271,9 +271,9 @@ def _held_forces(state: State[FilmsAndActuators], data: HeldTip) -> Linearised:
 
 
 def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:
-    """Return the tip forces of a study, if there are any.
+    """Return the tip forces of a study, if any.
 
-    Where curvatures are there too finite elements answer both; without them a beam does.
+    With curvatures, finite elements predict both; without them, a beam model does.
     """
     table = study.table(TABLE.name)
     tests = (
@@ -287,7 +287,7 @@ def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:
         return (HeldTip(tests),)
     mould, constraint = study.geometry, study.settings.constraint
     if not (isinstance(mould, Dimensions) and constraint.is_membrane and not constraint.height):
-        problem = "is of an actuator whose tip force is not computed"
-        remedy = "it is that of pneunets with paper on the bottom: remove the file"
+        problem = "is for an actuator whose tip force cannot be computed"
+        remedy = "remove the file: only pneunets with paper on the bottom are supported"
         raise StudyError([Fault(TABLE.file, problem, remedy)])
     return (TipForce(tests, mould, study.recorded.get(TABLE.name, frozenset())),)

@@ -1,8 +1,8 @@
-"""What a kind of data is: readings and their law, and what a model needs to know of both.
+"""Interface of a kind of data: readings, their law, and what a model needs of them.
 
-A kind of data is one module of this package. Its class says what was read, where, and with which
-law, so that whatever fits, leaves out, simulates or criticises asks it and knows no kind by name.
-A kind that is a subclass of the protocol has its defaults: no readings to criticise, no factors.
+A kind of data is one module of this package. Its class says what was read, where, and by which law,
+so code that fits, holds out, simulates or criticises never depends on a particular kind. A subclass
+of the protocol inherits its defaults: no readings to criticise, no factors.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,32 +23,31 @@ Labels = NDArray[np.str_]
 Rows = NDArray[np.intp]
 
 ROUNDING = 12.0**-0.5
-"""Standard deviation over the least digit of what is rounded to it: uniform within one digit."""
+"""Standard deviation of a rounded value over its last digit: uniform within one digit."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where each reading stands, all of shape (n,).
+    """Place of each reading, all of shape (n,).
 
     Parameters
     ----------
     kind : array of str
-        What was read, such as ``curvature``.
+        Kind of reading, such as ``curvature``.
     family : array of str
-        Which kinds a discrepancy may have in common, such as ``actuator`` for curvature and bend
-        angle.
+        Kinds that may share a discrepancy, such as ``actuator`` for curvature and bend angle.
     along : array
-        Where on its path: pressure [kPa], stretch [–], height.
+        Position on its path: pressure [kPa], stretch [–], height.
     level : array
-        Degradation rate [%], or what else was set for the whole specimen.
+        Degradation rate [%], or any other condition of the whole specimen.
     specimen : array of str
-        Whose reading it is: what is held out together.
+        Specimen of the reading; its readings are held out together.
     history : array of str
-        How the load was applied: branch, cycle, mount, mode of tension.
+        Loading: branch, cycle, mount, mode of tension.
     time : array
-        When [s]; nan where it was not recorded.
+        Time [s]; nan where it was not recorded.
     humidity : array, optional
-        Relative humidity of the room [%]; nan where it was not recorded, as by default.
+        Relative humidity of the room [%]; nan where it was not recorded, the default.
     """
 
     kind: Labels
@@ -61,7 +60,7 @@ class Places:
     humidity: Floats = field(default_factory=lambda: np.array(np.nan))
 
     def __post_init__(self) -> None:
-        """Bring a humidity that is the same for all readings to their shape."""
+        """Broadcast a common humidity to all readings."""
         shape = np.shape(self.kind)
         object.__setattr__(self, "humidity", np.broadcast_to(self.humidity, shape))
 
@@ -70,45 +69,45 @@ class Places:
         return len(self.kind)
 
     def subset(self, rows: Flags) -> "Places":
-        """Return where some of the readings stand."""
+        """Return the places of selected readings."""
         return Places(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def joined_places(parts: Sequence[Places]) -> Places:
-    """Return places one after another."""
+    """Concatenate places."""
     names = [field.name for field in fields(Places)]
     return Places(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 _NO_WORDS, _NO_NUMBERS = np.empty(0, dtype=np.str_), np.empty(0)
 NOWHERE = Places(_NO_WORDS, _NO_WORDS, _NO_NUMBERS, _NO_NUMBERS, _NO_WORDS, _NO_WORDS, _NO_NUMBERS)
-"""Places of no reading."""
+"""Empty places."""
 
 
 class World(Protocol):
-    """How parameters become what kinds of data need."""
+    """Maps parameters to what kinds of data need."""
 
     @property
     def is_limited(self) -> bool:
-        """Whether parameters that priors allow may have no answer, so that a start is sought."""
+        """Whether allowed parameters may have no solution, so that a start must be searched."""
         ...
 
     @property
     def is_factored(self) -> bool:
-        """Whether densities without data say what their factors are."""
+        """Whether densities without data provide their factors."""
         ...
 
     @property
     def continued(self) -> Self:
-        """The same with a forward map that goes on outside its range, if it can.
+        """The same world with an extrapolating forward map, if possible.
 
-        What it predicts outside serves to linearise a model and to simulate readings about its
-        mode, and is no prediction.
+        Extrapolated values only serve to linearise a model and to simulate readings about its mode;
+        they are not predictions.
         """
         ...
 
     def check(self, causes: tuple[Cause, ...]) -> None:
-        """Refuse causes that act on nothing of it."""
+        """Refuse causes that have no effect on it."""
         ...
 
     def allows(self, values: Named, levels: Floats) -> Flags:
@@ -118,14 +117,14 @@ class World(Protocol):
 
 @dataclass(frozen=True)
 class State[W]:
-    """Values of all parameters, and what several kinds of data make of them, worked out once.
+    """Values of all parameters, with cached results shared by several kinds of data.
 
     Parameters
     ----------
     values : mapping
         Named values, (n,).
     world
-        How parameters become what the kinds of data need.
+        Maps parameters to what kinds of data need.
     causes : tuple of Cause
         Active ones, in order.
     """
@@ -142,20 +141,20 @@ class State[W]:
         return len(next(iter(self.values.values())))
 
     def once[T, *About](self, work: Callable[["State[W]", *About], T], *about: *About) -> T:
-        """Return what work makes of this state and of objects; it is done once for each of them."""
+        """Return the result of ``work`` for this state and objects; cached."""
         key = (work, *map(id, about))
         if key not in self._known:
-            self._known[key] = (about, work(self, *about))  # keeps them, and with it their ids
+            self._known[key] = (about, work(self, *about))  # kept, so that their ids stay valid
         found: T = self._known[key][1]
         return found
 
     def anew[T, *About](self, work: Callable[["State[W]", *About], T], *about: *About) -> T:
-        """Return what work makes anew, which `once` then returns: draws that others go on with."""
+        """Recompute ``work`` and cache it for `once`, as for draws that others reuse."""
         self._known.pop((work, *map(id, about)), None)
         return self.once(work, *about)
 
     def with_causes(self, causes: tuple[Cause, ...], values: Named) -> "State[W]":
-        """Return the state with other causes, which may act on nothing that is worked out once."""
+        """Return the state with different causes, which must not affect cached results."""
         return replace(self, causes=causes, values=values)
 
     def acting(self, *, axes: int = 2) -> tuple[Acting, ...]:
@@ -174,7 +173,7 @@ class Parts(NamedTuple):
     normal : tuple of pairs of arrays, (n, k)
         z and ln s of normal laws.
     events : tuple of pairs of arrays, (n, k)
-        Log densities of what is not normal, and their signals.
+        Log densities of other laws, and their signals.
     """
 
     normal: tuple[Pair, ...] = ()
@@ -182,12 +181,12 @@ class Parts(NamedTuple):
 
 
 class Deviations(NamedTuple):
-    """What specimens' own deviations do to their readings.
+    """Effect of specimens' own deviations on their readings.
 
     Parameters
     ----------
     slope : array, shape (n_readings, n_specimens)
-        Change of each reading by the deviation of its specimen; 0 in readings of others.
+        Derivative of each reading with respect to its specimen's deviation; 0 for others.
     spread : array, shape (n_specimens,)
         Variance of the deviations.
     level : array, shape (n_specimens,)
@@ -200,14 +199,14 @@ class Deviations(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """A measured mean beside what a model has instead.
+    """A measured mean and its model value.
 
     Parameters
     ----------
     mean
-        What was measured, with ``value``, ``se`` and ``dof``.
+        The measurement, with ``value``, ``se`` and ``dof``.
     expected : array, shape (n,)
-        What the model has instead, draw by draw.
+        The model value of each draw.
     """
 
     mean: Any
@@ -215,16 +214,16 @@ class Compared(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """In what a kind of reading is given, and against what it is drawn.
+    """Unit of a kind of reading, and the axis against which it is plotted.
 
     Parameters
     ----------
     unit : str
         Of the readings.
     axis : str
-        What stands along the path, with its unit, as at the axis of a figure.
+        Label of the path, with its unit, as on the axis of a figure.
     level : str
-        Unit of what was set for a whole specimen; %, where that is the degradation rate.
+        Unit of the specimen's condition; % for the degradation rate.
     """
 
     unit: str
@@ -233,7 +232,7 @@ class Scale(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """Readings of one output as a posterior file keeps them.
+    """Readings of one output as stored in a posterior file.
 
     Parameters
     ----------
@@ -242,11 +241,11 @@ class Stored(NamedTuple):
     observed : array, shape (m,)
         Readings.
     log_likelihood, replicates : array, shape (n, m)
-        Log density of each given those before it, and readings drawn anew.
+        Log density of each given those before it, and replicated readings.
     labels : dict of str to array, shape (m,)
         Coordinates.
     constants : dict of str to array, shape (m,)
-        What the test set.
+        Test conditions.
     """
 
     output: str
@@ -261,32 +260,31 @@ class Stored(NamedTuple):
 class Observations(Protocol):
     """One kind of data.
 
-    Rows are what is independent given the parameters: specimens, or published statistics.
+    Rows are independent given the parameters: specimens, or published statistics.
 
     Parameters
     ----------
     name : str
-        Of the kind, as in the groups of a posterior file.
+        Name of the kind, as in the groups of a posterior file.
     order : int
-        Kinds of a smaller one are simulated and shown first.
+        Kinds of smaller order are simulated and shown first.
     priority : int
-        What a model holds out by itself is the kind of the highest; kinds of 0 are held out only
-        where that is asked for.
+        A model holds out the kind of highest priority; kinds of priority 0 are held out only on
+        request.
     is_criticised : bool
-        Whether it is among the readings that are held against a model, or what is known beside
-        them.
+        Whether its readings are used to criticise a model.
     follows : str
-        The kind on whose specimens it was read as well: they are held out together.
+        The kind that was read on the same specimens: they are held out together.
     uses_forward : bool
-        Whether the forward map has to be asked.
+        Whether it needs the forward map.
     beside : bool
-        Whether it is held out beside the kind of the highest priority, to compare causes.
+        Whether it is held out in addition to the kind of highest priority, to compare causes.
     asks : str
-        What it asks of the forward map beside the shape, as `bayesdeg.actuator.inputs.Inputs`.
+        What it needs of the forward map besides the shape, as in `bayesdeg.actuator.inputs.Inputs`.
     shares : str
-        The kind whose specimens' own deviations act on its readings as well; labels are the same.
+        The kind whose specimens' deviations also act on its readings; labels are equal.
     floors : mapping of str to str
-        The constant reading errors by their parameters, and the column that each is of.
+        Parameters of constant reading errors, and the column of each.
     """
 
     name: ClassVar[str]
@@ -302,33 +300,33 @@ class Observations(Protocol):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What it adds to the posterior, with default priors."""
+        """Its parameters, with default priors."""
         return ()
 
     @property
     def error_parameters(self) -> tuple[Parameter, ...]:
-        """What an emulator adds to the posterior where it stands for the mechanics."""
+        """Parameters of the emulator error, where an emulator replaces the mechanics."""
         return ()
 
     def least(self, digits: Mapping[str, float]) -> dict[str, float]:
-        """Return the error that rounding leaves, for each parameter that it bounds below.
+        """Return the rounding error for each parameter bounded below by it.
 
-        Readings that a model meets exactly would otherwise let its density grow without bound.
+        Otherwise readings that a model meets exactly would make its density unbounded.
 
         Parameters
         ----------
         digits : mapping of str to float
-            The least digit of columns, where it is known.
+            Resolution of columns, where known.
         """
         known = {name: column for name, column in self.floors.items() if column in digits}
         return {name: ROUNDING * digits[column] for name, column in known.items()}
 
     def among(self, others: tuple["Observations", ...]) -> "Observations":
-        """Return what of it says something of the model that all data of a study need."""
+        """Return the part that is informative about the model of all data of a study."""
         return self
 
     def linked(self, others: tuple["Observations", ...]) -> "Observations | None":
-        """Return it as it goes on what others of a model say; None where nothing is left of it."""
+        """Return it conditioned on other data of a model; None if nothing is left."""
         return self
 
     @property
@@ -338,22 +336,22 @@ class Observations(Protocol):
 
     @property
     def specimens(self) -> tuple[str, ...]:
-        """The specimen of each row; none where they are of no specimen of the study."""
+        """The specimen of each row; empty if not specimens of the study."""
         return self.labels
 
     @property
     def row_groups(self) -> tuple[str, ...]:
-        """What each row is held out with; empty where it never is."""
+        """Hold-out group of each row; empty if never held out."""
         return self.labels
 
     @property
     def is_by_mode(self) -> bool:
-        """Whether what is held out together are all specimens of a mode of testing."""
+        """Whether all specimens of a test mode are held out together."""
         return False
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """What can be held out one after another."""
+        """Groups that can be held out in turn."""
         return tuple(name for name in dict.fromkeys(self.row_groups) if name)
 
     @property
@@ -363,12 +361,12 @@ class Observations(Protocol):
 
     @property
     def material_levels(self) -> Floats:
-        """Degradation rates at which it says something of the material [%]."""
+        """Degradation rates at which it informs about the material [%]."""
         return self.levels
 
     @property
     def elongation_levels(self) -> Floats:
-        """Degradation rates at which it says something of the elongation at break [%]."""
+        """Degradation rates at which it informs about the elongation at break [%]."""
         return np.empty(0)
 
     def log_likelihood(self, state: State[Any]) -> Floats:
@@ -376,7 +374,7 @@ class Observations(Protocol):
         ...
 
     def factors(self, state: State[Any]) -> Parts | None:
-        """Return the factors of the density; None where its laws are of another kind."""
+        """Return the factors of the density; None if it has none."""
         return None
 
     def subset(self, rows: Rows) -> Self:
@@ -385,17 +383,17 @@ class Observations(Protocol):
 
     @property
     def places(self) -> Places:
-        """Where the readings stand; nowhere of what is not criticised reading by reading."""
+        """Places of the readings; empty if not criticised reading by reading."""
         return NOWHERE
 
     @property
     def scales(self) -> Mapping[str, Scale]:
-        """Units of readings, by what was read; of what has tables of its own they are known."""
+        """Scales of readings by kind; those with their own tables are known."""
         return {}
 
     @property
     def reading_groups(self) -> Labels:
-        """What each reading is held out with, (n,)."""
+        """Hold-out group of each reading, (n,)."""
         return self.places.specimen
 
     @property
@@ -404,7 +402,7 @@ class Observations(Protocol):
         return np.empty(0)
 
     def expected(self, state: State[Any]) -> Floats:
-        """Return readings of specimens that are as the mean, (k, n); nan if refused."""
+        """Return readings of mean specimens, (k, n); nan if refused."""
         return np.empty((len(state), 0))
 
     def covariance(self, state: State[Any]) -> list[Floats]:
@@ -421,7 +419,7 @@ class Observations(Protocol):
         generator: np.random.Generator,
         drawn: tuple["Observations", ...],
     ) -> tuple["Observations", ...]:
-        """Return what was drawn so far and this kind drawn anew, for one vector."""
+        """Return the draws so far and replicates of this kind, for one vector."""
         return (*drawn, self)
 
     def start(self, world: Any) -> dict[str, float]:
@@ -429,11 +427,11 @@ class Observations(Protocol):
         return {}
 
     def deviations(self, state: State[Any]) -> Deviations:
-        """Return what specimens' own deviations do, for one vector."""
+        """Return the effect of specimens' own deviations, for one vector."""
         return Deviations(np.empty((len(self.places), 0)), np.empty(0), np.empty(0))
 
     def refused(self, state: State[Any]) -> Flags:
-        """Return at which vectors the forward map has no answer for some reading, (n,)."""
+        """Return for which vectors the forward map has no solution for some reading, (n,)."""
         return np.zeros(len(state), dtype=bool)
 
     def watched(self, world: Any, report: Callable[[Flags], None]) -> Any:
@@ -441,31 +439,31 @@ class Observations(Protocol):
         return world
 
     def reveals(self, cause: Cause) -> bool:
-        """Return whether it shows a cause by itself, without curvatures or tensile curves."""
+        """Return whether it reveals a cause by itself, without curvatures or tensile curves."""
         return False
 
     def compared(self, state: State[Any]) -> list[Compared]:
-        """Return measured means beside what the model has instead."""
+        """Return measured means with their model values."""
         return []
 
     @property
     def events(self) -> int | None:
-        """How many of the specimens met the event that this kind records; None if it is none."""
+        """Number of specimens with the recorded event; None if it records no event."""
         return None
 
     def held_beside(self) -> Self:
-        """Return it as it is held out beside another kind."""
+        """Return it as held out in addition to another kind."""
         return self
 
     def stored(
         self, state: State[Any], tests: State[Any], generator: np.random.Generator
     ) -> list[Stored]:
-        """Return what a posterior file keeps of the readings.
+        """Return the readings as stored in a posterior file.
 
         Parameters
         ----------
         state, tests : State
-            With a forward map that goes on outside its range, and as it is.
+            With an extrapolating forward map, and with the original one.
         generator : Generator
             Draws replicates.
         """

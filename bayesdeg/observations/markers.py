@@ -1,18 +1,18 @@
-r"""Points along the bottom line: what was seen, before anything was read of it.
+r"""Points along the bottom line, from which curvature and angle are read.
 
-A line of points becomes a curvature and a bend angle by the operator that the study states, and the
-forward map predicts what the same operator reads of as many points of its own bottom line. So no
-definition of curvature can be mistaken for another.
+A line of points becomes a curvature and a bend angle by the operator stated in the study, and the
+forward map applies the same operator to as many points of its own bottom line. So definitions of
+curvature cannot be confused.
 
-With σ_i the standard error of either coordinate of point i, the angle θ that is read of a line of
+With σ_i the standard error of either coordinate of point i, the angle θ read from a line of
 length L has, to first order,
 
 .. math::
     \sigma_\theta^2 = \sum_i \left|\frac{\partial \theta}{\partial r_i}\right|^2 \sigma_i^2,
     \qquad \sigma_\kappa = \sigma_\theta / L .
 
-That errors change L, by a share of σ/L, is left out, as is an error of scale, which all lines
-share: it multiplies every curvature and no angle, see the cause `curvature_reading`.
+The change of L by errors, a share of σ/L, is ignored, as is an error of scale common to all lines:
+it multiplies every curvature and no angle, see the cause `curvature_reading`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,13 +45,13 @@ from bayesdeg.errors import Fault, StudyError
 Floats = NDArray[np.float64]
 
 FILE = "markers.csv"
-#: Points that a line is read by: more follow it no better, since the floor bulges smoothly.
+#: Points by which a line is read: more add nothing, since the floor bulges smoothly.
 MOST_POINTS = 50
-#: Of a line to the length of the mould: gel shrinks to 0.6 of it, and no part stretches so far.
+#: Line length over mould length: gel shrinks to 0.6 of it, and no part stretches beyond.
 SHORTEST, LONGEST = 0.4, 1.6
-#: Of the length of the line, by which points are moved to see what it changes.
+#: Displacement of points for derivatives, over the length of the line.
 STEP = 1e-5
-#: Lines at which that is seen, between which it is taken to change evenly with the angle.
+#: Number of lines at which derivatives are computed; in between they are linear in the angle.
 MOVED_LINES = 7
 _MILLIMETRES, _PIXELS = ("x_mm", "y_mm"), ("x_px", "y_px")
 
@@ -63,7 +63,7 @@ def _placed(frame: pd.DataFrame) -> pd.Series:
 
 PLACED = row_check(
     None,
-    "does not say where the point is",
+    "lacks the point's coordinates",
     "give x_mm and y_mm, or x_px, y_px and scale_mm_per_px",
     (*_MILLIMETRES, *_PIXELS, "scale_mm_per_px"),
     _placed,
@@ -87,12 +87,12 @@ TABLE = Table(
 
 
 def angle_errors(lines: Sequence[Floats], operator: Operator, sd: Sequence[Floats]) -> Floats:
-    """Return the standard errors of the angles that an operator reads of lines, (n_lines,) [rad].
+    """Return the standard errors of the angles that an operator reads from lines, (n_lines,) [rad].
 
     Parameters
     ----------
     lines : sequence of array, shape (n_points, 2)
-        Even points, as many of each line [mm].
+        Evenly spaced points, equally many on each line [mm].
     operator : str
         One of `bayesdeg.actuator.line.OPERATORS`.
     sd : sequence of array, shape (n_points,)
@@ -100,7 +100,7 @@ def angle_errors(lines: Sequence[Floats], operator: Operator, sd: Sequence[Float
 
     Examples
     --------
-    Of three points at distances c the angle is that of the second differences, with an error of
+    For three points at distances c, the angle follows from second differences, with an error of
     2 σ √6/c:
 
     >>> row = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, -1.0]])
@@ -112,7 +112,7 @@ def angle_errors(lines: Sequence[Floats], operator: Operator, sd: Sequence[Float
     order = np.argsort(angle)
     chosen = np.unique(np.linspace(0, len(lines) - 1, MOVED_LINES).round().astype(int))
     places = order[chosen]
-    effect = np.array([_moved(lines[i], operator) for i in places])  # of a point, times the length
+    effect = np.array([_moved(lines[i], operator) for i in places])  # per point, times the length
     at = np.array([np.interp(angle, angle[places], one) for one in effect.T]).T
     found: Floats = np.linalg.norm(at * np.array(sd), axis=1) / arc
     return found
@@ -129,10 +129,10 @@ def _moved(line: Floats, operator: Operator) -> Floats:
 
 
 def with_lines(study: Study) -> Study:
-    """Return a study whose lines of points have been read; one without is returned as it is.
+    """Return a study with its lines of points read; unchanged if it has none.
 
-    Its `Study.actuator` holds a row a line, with curvature, bend angle and their standard errors;
-    `Study.line_points` says by how many even points each was read.
+    Its `Study.actuator` has one row per line, with curvature, bend angle and their standard errors;
+    `Study.line_points` is the number of evenly spaced points by which each was read.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def with_lines(study: Study) -> Study:
     Raises
     ------
     StudyError
-        If curvatures are given too, or lines cannot be read, with every fault.
+        If curvatures are given too, or lines cannot be read; lists every fault.
     """
     table = study.table(TABLE.name)
     if table is None:
@@ -164,7 +164,7 @@ def with_lines(study: Study) -> Study:
 def _read(
     lines: Sequence[pd.DataFrame], points: Sequence[Floats], operator: Operator, count: int
 ) -> pd.DataFrame:
-    """Return the table of actuators that lines give."""
+    """Return the table of actuators read from lines."""
     even = [evenly(one, count) for one in points]
     sd = [_even_errors(line, count) for line in lines]
     bends = [read_line(one, operator) for one in even]
@@ -176,14 +176,14 @@ def _read(
     angle = angle * _towards_the_paper(rows, angle)
     rows["curvature_per_m"], rows["curvature_sd_per_m"] = angle / arc, error / arc
     rows["bend_angle_deg"], rows["bend_angle_sd_deg"] = np.degrees(angle), np.degrees(error)
-    return rows.reindex(columns=list(ACTUATOR.columns))  # what points do not say is empty
+    return rows.reindex(columns=list(ACTUATOR.columns))  # columns without data stay empty
 
 
 _READ = frozenset({"curvature_per_m", "curvature_sd_per_m", "bend_angle_deg", "bend_angle_sd_deg"})
 
 
 def _line_numbers(table: pd.DataFrame) -> pd.Series:
-    """Return a number of each line, which ends where conditions change or points start anew."""
+    """Return line numbers; a line ends where conditions change or point numbers restart."""
     conditions = table[list(of_actuators({}))]
     before = conditions.shift()
     changed = (conditions != before) & ~(conditions.isna() & before.isna())
@@ -192,7 +192,7 @@ def _line_numbers(table: pd.DataFrame) -> pd.Series:
 
 
 def _points(line: pd.DataFrame) -> Floats:
-    """Return the points of a line [mm]; those in pixels are upright, as those in mm are."""
+    """Return the points of a line [mm]; pixel coordinates are flipped to point upwards."""
     if line[[*_MILLIMETRES]].notna().all(axis=None):
         found: Floats = line[[*_MILLIMETRES]].to_numpy(np.float64)
         return found
@@ -208,10 +208,10 @@ def _even_errors(line: pd.DataFrame, count: int) -> Floats:
 
 
 def _towards_the_paper(rows: pd.DataFrame, angle: Floats) -> Floats:
-    """Return the sign that makes a specimen bend towards the paper, where pixels do not say it.
+    """Return the sign that makes a specimen bend towards the paper, as pixels do not determine it.
 
-    A picture may be taken from either side; at its largest pressure an actuator bends as it is
-    built to.
+    A picture may be taken from either side; at its largest pressure an actuator bends in its design
+    direction.
     """
     most = rows.groupby("specimen_id")["pressure_kPa"].transform("idxmax").to_numpy()
     in_pixels = rows[[*_MILLIMETRES]].isna().any(axis=1).to_numpy()
@@ -219,7 +219,7 @@ def _towards_the_paper(rows: pd.DataFrame, angle: Floats) -> Floats:
 
 
 def _refuse(study: Study, faults: Iterator[Fault]) -> None:
-    """Raise faults of lines with the file that the lines come from."""
+    """Raise faults of lines, naming the file of the lines."""
     if found := tuple(faults):
         raise StudyError(
             replace(one, file=study.lines_file) if one.file == FILE else one for one in found
@@ -228,37 +228,37 @@ def _refuse(study: Study, faults: Iterator[Fault]) -> None:
 
 def _wrong_study(study: Study, operator: Operator, table: pd.DataFrame) -> Iterator[Fault]:
     if study.actuator is not None:
-        remedy = "keep the points, or the curvatures that were read of them"
-        yield Fault(FILE, "stands beside actuator.csv", remedy)
+        remedy = "keep either the points or the curvatures read from them"
+        yield Fault(FILE, "is given together with actuator.csv", remedy)
     if not study.settings.is_default_mould:
-        problem = "is known of the default actuator alone: what points read of another is not"
+        problem = "is supported for the default actuator only"
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
     if operator == "kappa":
-        problem = "reads curves, not points, and a line of points is given"
+        problem = "reads curves, but points are given"
         remedy = f"state one of {', '.join(OPERATORS)}"
         yield Fault(SETTINGS_FILE, problem, remedy, column="reading.operator", value=operator)
     if operator == "base_tip" and table[[*_MILLIMETRES]].isna().any(axis=None):
-        remedy = "give x_mm along the clamped end and y_mm, or another [reading] operator"
-        yield Fault(FILE, "has pixels, which do not say how the base lies", remedy)
+        remedy = "give x_mm along the clamped end and y_mm, or a different [reading] operator"
+        yield Fault(FILE, "has pixels, which do not show the orientation of the base", remedy)
 
 
 def _wrong_line(line: pd.DataFrame, points: Floats, length: float) -> Iterator[Fault]:
     steps = np.hypot(*np.diff(points, axis=0).T)
     if len(line) < FEWEST_POINTS:
-        remedy = f"give {FEWEST_POINTS} points at least, from the clamped to the free end"
+        remedy = f"give at least {FEWEST_POINTS} points, from the clamped to the free end"
         yield _fault(line.iloc[0], f"has {len(line)} points", remedy)
     elif not steps.all():
         point = line["point"].iloc[int(np.argmin(steps)) + 1]
-        problem = f"has point {point:g} where the one before it is"
-        yield _fault(line.iloc[0], problem, "remove one of the two")
+        problem = f"has point {point:g} at the position of the previous one"
+        yield _fault(line.iloc[0], problem, "remove one of them")
     elif not SHORTEST <= steps.sum() / length <= LONGEST:
-        problem = f"is {steps.sum():.3g} mm long, of an actuator that is moulded {length:.3g} mm"
+        problem = f"is {steps.sum():.3g} mm long, but the actuator is moulded with {length:.3g} mm"
         remedy = "check the scale, and that the points follow the bottom line to both ends"
         yield _fault(line.iloc[0], problem, remedy)
 
 
 def _wrong_readings(read: pd.DataFrame) -> Iterator[Fault]:
-    """Find what no table of readings may have, and say it of the line."""
+    """Find faults of the readings, and report them for the line."""
     for check in ACTUATOR.checks:
         for place in broken(check, read):
             fault = _fault(read.iloc[place], check.error, check.description)

@@ -20,26 +20,26 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-MPA = 1e-3  # of a kPa
+MPA = 1e-3  # per kPa
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """A published or replicate mean that is used as one observation.
+    """A published or replicate mean used as one observation.
 
-    The mean of n replicates less the truth, over its standard error, follows Student's law with
-    n − 1 degrees of freedom, since the scatter was estimated from the same few replicates.
+    The mean of n replicates minus the truth, over its standard error, follows Student's law with
+    n − 1 degrees of freedom, since the scatter was estimated from the same replicates.
 
     Parameters
     ----------
     quantity : {"young_modulus", "modulus_100", "elongation_at_break", "volume_ratio"}
-        What it is of.
+        The quantity.
     degradation : float
         D_R at which it holds [%].
     value, se : float
         Mean and its standard error, in the quantity's unit.
     source : str
-        Where it stands.
+        Its reference.
     dof : float
         Degrees of freedom, n − 1; inf if n is not known.
     """
@@ -55,10 +55,10 @@ class Statistic:
 def statistics(study: Study) -> tuple[Statistic, ...]:
     """Return published means with their standard errors, and α from the films' masses.
 
-    A vendor's 100 % modulus of the fresh material is one of them, with its stated error.
+    They include a vendor's 100 % modulus of the fresh material, with its stated error.
 
-    The standard error is sd/√n; without n it is the sd itself. That of α has what the study states
-    of the recipe's and the densities' errors, which all films share.
+    The standard error is sd/√n; without n it is the sd itself. That of α includes the stated errors
+    of recipe and densities, which all films share.
     """
     found = []
     if study.summary is not None:
@@ -97,7 +97,7 @@ def _refuse_zero_errors(found: list[Statistic]) -> None:
         Fault(
             s.source if s.source.startswith("shrinkage.csv") else "summary.csv",
             f"{s.quantity} at {s.degradation:g} % has a standard error of 0",
-            "give the scatter that was observed, or leave sd empty to show the value only",
+            "give the observed scatter, or leave sd empty to only show the value",
         )
         for s in found
         if not s.se > 0.0
@@ -109,10 +109,10 @@ def _refuse_zero_errors(found: list[Statistic]) -> None:
 def expected_statistics(
     state: State[FilmsAndActuators], statistics: tuple[Statistic, ...]
 ) -> Floats:
-    """Return what statistics are of, in their units, (n, n_statistics)."""
+    """Return the model values of statistics, in their units, (n, n_statistics)."""
     levels, ratio, modulus, at_100, elongation = _kinds_of(statistics)
     world = state.world
-    given: Named = state.values  # noqa: PD011 - no frame
+    given: Named = state.values  # noqa: PD011 - not a frame
     means = np.empty((len(state), len(statistics)))
     if np.any(ratio):
         means[:, ratio] = given["volume_ratio"][:, None]
@@ -129,7 +129,7 @@ def expected_statistics(
 
 @lru_cache(maxsize=64)
 def _kinds_of(statistics: tuple[Statistic, ...]) -> tuple[Floats, Flags, Flags, Flags, Flags]:
-    """Return degradation rates [%], and which are ratios, moduli of both kinds and elongations."""
+    """Return degradation rates [%], and masks of ratios, both kinds of moduli, and elongations."""
     levels = np.array([s.degradation for s in statistics])
     kinds = np.array([s.quantity for s in statistics])
     ratio, modulus = kinds == "volume_ratio", kinds == "young_modulus"
@@ -155,7 +155,7 @@ class Means(Observations):
 
     @override
     def among(self, others: tuple[Observations, ...]) -> "Means":
-        """Leave out volume ratios where there are no actuators, of which alone they speak."""
+        """Leave out volume ratios without actuators, which alone they concern."""
         if any(one.uses_forward for one in others):
             return self
         kept = tuple(s for s in self.statistics if s.quantity != "volume_ratio")
@@ -237,6 +237,6 @@ def _standard(dof: float, generator: np.random.Generator) -> float:
 
 
 def from_study(study: Study) -> tuple[Means, ...]:
-    """Return the means that a study gives, if there are any."""
+    """Return the means given by a study, if any."""
     found = statistics(study)
     return (Means(found),) if found else ()

@@ -1,22 +1,22 @@
 r"""Noise laws and the specimen hierarchy: log densities of whole paths of readings, compiled.
 
-What a reading has in common with those before it depends on the path and the length ℓ alone, not
-on what was read: the filter is worked out once for all specimens that follow one another on the
-same path, and the pass along a specimen's readings is left with products and sums.
+The dependence of a reading on earlier ones follows from the path and the length ℓ only, not from
+the values: the filter is computed once for consecutive specimens on the same path, and the pass
+over a specimen's readings is only products and sums.
 
 The readings of one specimen are
 
 .. math:: y = f(m) + \varepsilon, \qquad m_k \sim N(0, \tau_k^2), \qquad
     \varepsilon_j = \sqrt{v_j}\, z_j
 
-with m the specimen's own deviations (of ln stiffness, of its degradation rate) and z in part an
-Ornstein–Uhlenbeck process along the path, in part each reading's own: cor(z_i, z_j) =
+with m the specimen's own deviations (of ln stiffness, of its degradation rate) and z partly an
+Ornstein–Uhlenbeck process along the path, partly independent: cor(z_i, z_j) =
 (1 − w) exp(−d_ij/ℓ), d the length of path between two readings and w = 0.2 (`INDEPENDENT`).  A
-second output read from the same picture (the bend angle beside the curvature) has the same law and
+second output from the same picture (the bend angle with the curvature) has the same law and
 the correlation c with the first at the same reading, its process being z₂ = c z₁ + √(1 − c²) u with
 u independent of z₁.
 
-f is nearly linear in m, so m is integrated out at the linearisation f(m) ≈ f(m̂) + J (m − m̂) about
+f is nearly linear in m, so m is integrated out with f(m) ≈ f(m̂) + J (m − m̂), linearised about
 its most probable value.
 """
 
@@ -35,20 +35,20 @@ Indices = NDArray[np.int64]
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 INDEPENDENT = 0.2
-"""Share of the variance of an error that is the reading's own: rounding, picking of markers."""
+"""Share of an error's variance that is independent per reading: rounding, picking of markers."""
 LANES = 32
-"""Vectors that go through side by side, so that the compiler takes them as the processor's."""
+"""Number of vectors processed together, so that the compiler can use SIMD."""
 
 
 class Paths(NamedTuple):
-    """Which readings follow one another, n_readings = n_outputs × n_points a specimen.
+    """Sequence of readings, n_readings = n_outputs × n_points per specimen.
 
     Parameters
     ----------
     mask : array of bool, shape (n_specimens, n_readings)
-        Where there is a reading; one of the second output needs one of the first beside it.
+        Where there is a reading; the second output needs one of the first at the same point.
     gap : array, shape (n_specimens, n_readings)
-        Length of path since the reading before it of the same output; infinite for the first.
+        Length of path since the previous reading of the same output; infinite for the first.
     place : array, shape (n_specimens, n_readings)
         Length of path up to it.
     points : int
@@ -69,7 +69,7 @@ def paths_of(mask: Flags, place: Floats) -> Paths:
     mask : array of bool, shape (n_specimens, n_outputs, n_points)
         Where there is a reading.
     place : array, shape (n_specimens, n_points)
-        Length of path up to each reading, not falling.
+        Length of path up to each reading, non-decreasing.
 
     Examples
     --------
@@ -95,7 +95,7 @@ def paths_of(mask: Flags, place: Floats) -> Paths:
 
 @compiled
 def same_path(mask: Flags, gap: Floats) -> Flags:
-    """Return whether each specimen's path is that of the specimen before it."""
+    """Return whether each specimen's path equals the previous specimen's."""
     alike = np.zeros(len(mask), np.bool_)
     for s in range(1, len(mask)):
         same = True
@@ -118,7 +118,7 @@ def filter_of(
     order: Indices,
     constant: Floats,
 ) -> int:
-    """Write the filters of one path for `LANES` lengths; return how many readings it has.
+    """Compute the filters of one path for `LANES` lengths; return its number of readings.
 
     ``order`` receives which readings there are; ``gains``, (n_readings, 3 `LANES`), for each of
     them, in that order, the decay since the last, the gain, and 1 over the standard deviation of
@@ -129,11 +129,11 @@ def filter_of(
     known, decay, product = np.empty(LANES), np.empty(LANES), np.ones(LANES)
     constant[:] = 0.0
     for j in range(len(mask)):
-        if j % points == 0:  # before the first reading of an output nothing is known
+        if j % points == 0:  # no information before the first reading of an output
             known[:] = 1.0 - INDEPENDENT
         if not mask[j]:
             continue
-        if gap[j] != step:  # most steps of a path are alike
+        if gap[j] != step:  # most steps of a path are equal
             step = gap[j]
             for lane in range(LANES):
                 decay[lane] = math.exp(-step / length[lane])
@@ -157,9 +157,9 @@ def filter_of(
 
 @compiled
 def _take_logs(product: Floats, logs: Floats) -> None:
-    """Add the logarithms of products that would soon be no numbers, which begin anew."""
+    """Move products near overflow or underflow to logarithms and reset them to 1."""
     for lane in range(LANES):
-        if not 1e-200 < product[lane] < 1e200:  # also where it is not a number
+        if not 1e-200 < product[lane] < 1e200:  # also true for nan
             logs[lane] += math.log(product[lane])
             product[lane] = 1.0
 
@@ -168,7 +168,7 @@ def _take_logs(product: Floats, logs: Floats) -> None:
 def whiten(
     rows: Floats, gains: Floats, order: Indices, points: int, correlation: Floats, white: Floats
 ) -> None:
-    """Write readings, and what deviations do to them, less what those before them tell.
+    """Whiten readings and their slopes by the deviations: subtract what earlier readings predict.
 
     Parameters
     ----------
@@ -182,11 +182,11 @@ def whiten(
     correlation : array, shape (LANES,)
         c of the outputs.
     white : array, shape (n_readings, 3 LANES)
-        Written in the order of the filter: independent of one another, of unit variance.
+        Output in the order of the filter: independent, of unit variance.
 
     Notes
     -----
-    The Kalman filter of a process of Ornstein–Uhlenbeck that is read with errors.
+    The Kalman filter of an Ornstein–Uhlenbeck process observed with errors.
     """
     share, last = np.empty(LANES), np.zeros(3 * LANES)
     for lane in range(LANES):
@@ -225,21 +225,21 @@ def specimen_density(
     white: Floats,
     found: Floats,
 ) -> None:
-    """Write log densities of one specimen's readings and its most probable deviations over τ.
+    """Compute log densities of one specimen's readings and its most probable deviations over τ.
 
     Parameters
     ----------
     rows, gains, order, points, correlation, white
-        As `whiten`.
+        As in `whiten`.
     constant : array, shape (LANES,)
         From `filter_of`.
     found : array, shape (3, LANES)
-        Written.
+        Output.
 
     Notes
     -----
-    What remains of whitened readings is their regression on τ J with unit errors, whose normal
-    equations have as many unknowns as a specimen has deviations.
+    The whitened readings are regressed on τ J with unit errors; the normal equations have as many
+    unknowns as a specimen has deviations.
     """
     logs, product, sums = constant.copy(), np.ones(LANES), np.zeros(6 * LANES)
     for i in range(len(order)):
@@ -272,10 +272,10 @@ def specimen_density(
 def _regression(
     g00: float, g10: float, g11: float, g20: float, g21: float, g22: float
 ) -> tuple[float, float, float]:
-    """Return ln det plus the misfit that is left, and the solution, by Cholesky.
+    """Return ln det plus the residual misfit, and the solution, by Cholesky factorisation.
 
     g₀₀, g₁₀ and g₁₁ are those of the normal matrix, g₂₀ and g₂₁ of the right-hand side, and g₂₂ is
-    the square of what is to be explained.
+    the sum of squares to be explained.
     """
     root = math.sqrt(g00)
     below = g10 / root
@@ -283,7 +283,7 @@ def _regression(
     u = g20 / root
     v = (g21 - u * below) / rest
     left = g22 - u * u - v * v
-    if left < 0.0:  # what rounding leaves of an exact fit; what is no number stays none
+    if left < 0.0:  # rounding of an exact fit; nan stays nan
         left = 0.0
     v /= rest
     return left + 2.0 * math.log(root * rest), (u - below * v) / root, v
@@ -304,16 +304,16 @@ def path_innovations(
     log_sd: Floats,
     learnt: Floats,
 ) -> None:
-    """Write the standardised innovations of each specimen's readings and the logs of their sd's.
+    """Compute standardised innovations of each specimen's readings and the logs of their sds.
 
-    Arguments as `bayesdeg.observations.noise.Linearised`; ``score`` and ``log_sd``, both of
-    shape (n, n_specimens, n_readings), are written; they are 0 where there is no reading. So are
-    mean and variance of each specimen's first deviation given all of its readings, in units of τ
-    and τ²: ``learnt``, of shape (n, n_specimens, 2).
+    Arguments as in `bayesdeg.observations.noise.Linearised`; ``score`` and ``log_sd``, both of
+    shape (n, n_specimens, n_readings), are outputs; they are 0 where there is no reading. So are
+    mean and variance of each specimen's first deviation given all its readings, in units of τ and
+    τ²: ``learnt``, of shape (n, n_specimens, 2).
 
     Notes
     -----
-    Whitened readings are learnt from one after another: x = τ J m + e with m ~ N(0, 1) and unit
+    Whitened readings are processed sequentially: x = τ J m + e with m ~ N(0, 1) and unit
     errors.
     """
     n, n_specimens, n_readings = residual.shape
@@ -351,7 +351,7 @@ def path_innovations(
 
 @compiled
 def _learn(white: Floats, order: Indices, score: Floats, log_sd: Floats, learnt: Floats) -> None:
-    """Write scores and ln sd of whitened readings (n, 3) of one specimen given those before.
+    """Compute scores and ln sd of one specimen's whitened readings (n, 3) given earlier ones.
 
     Mean and variance of its first deviation go to ``learnt``, in units of τ and τ².
     """
@@ -379,7 +379,7 @@ def path_grams(
     gram: Floats,
     log_det: Floats,
 ) -> None:
-    """Write products C' R⁻¹ C of columns of readings, R the covariance of one output's errors.
+    """Compute products C' R⁻¹ C of columns of readings, R the covariance of one output's errors.
 
     Parameters
     ----------
@@ -388,13 +388,13 @@ def path_grams(
     variance : array, shape (n_specimens, n_readings)
         v of the reading errors.
     mask, gap : array, shape (n_specimens, n_readings)
-        As `Paths`.
+        As in `Paths`.
     length : float
         ℓ, in the unit of the gaps.
     gram : array, shape (n_specimens, n_columns, n_columns)
-        Written.
+        Output.
     log_det : array, shape (n_specimens,)
-        Written: ln det(2π R).
+        Output: ln det(2π R).
 
     Notes
     -----
@@ -410,7 +410,7 @@ def path_grams(
         for j in range(n_readings):
             if not mask[s, j]:
                 continue
-            if gap[s, j] != step:  # most steps of a path are alike
+            if gap[s, j] != step:  # most steps of a path are equal
                 step = gap[s, j]
                 decay = math.exp(-step / length)
             square = decay * decay
@@ -432,16 +432,16 @@ def path_grams(
         log_det[s] = logs
 
 
-HELD = 300_000  # entries of covariance matrices that are held at a time: what a cache holds
+HELD = 300_000  # entries of covariance matrices held at a time, to fit the CPU cache
 
 
 class Linearised(NamedTuple):
-    """Readings at the most probable deviations: all that their likelihood needs.
+    """Readings linearised at the most probable deviations: all that their likelihood needs.
 
     Parameters
     ----------
     residual : array, shape (n, n_specimens, n_readings)
-        y − f(m̂) + J m̂, the observation less the linear model's value at m = 0.
+        y − f(m̂) + J m̂, the observation minus the linear model's value at m = 0.
     slope : array, shape (n, n_specimens, n_readings, n_deviations)
         J.
     variance : array, shape (n, n_specimens, n_readings)
@@ -451,7 +451,7 @@ class Linearised(NamedTuple):
     length, correlation : array, shape (n,)
         ℓ, in the unit of the paths' gaps, and c.
     paths : Paths
-        Which readings there are.
+        Paths of the readings.
     """
 
     residual: Floats
@@ -463,7 +463,7 @@ class Linearised(NamedTuple):
     paths: Paths
 
     def subset(self, rows: slice) -> "Linearised":
-        """Return some of the draws."""
+        """Return selected draws."""
         return self._replace(
             residual=self.residual[rows],
             slope=self.slope[rows],
@@ -475,7 +475,7 @@ class Linearised(NamedTuple):
 
 
 def innovations(curves: Linearised) -> tuple[Floats, Floats]:
-    """Return z and ln s of each reading given those before it on its specimen.
+    """Return z and ln s of each reading given earlier ones on its specimen.
 
     The log density of a specimen is the sum of −z²/2 − ln s − ln(2π)/2 over its readings; those of
     the second output come after all of the first.
@@ -483,7 +483,7 @@ def innovations(curves: Linearised) -> tuple[Floats, Floats]:
     Returns
     -------
     score, log_sd : array, shape (n, n_recorded)
-        Of the readings that there are, specimen by specimen.
+        For existing readings, specimen by specimen.
     """
     score, log_sd, _ = _innovations(curves)
     return score[:, curves.paths.mask], log_sd[:, curves.paths.mask]
@@ -492,14 +492,14 @@ def innovations(curves: Linearised) -> tuple[Floats, Floats]:
 def learnt_deviations(curves: Linearised) -> tuple[Floats, Floats]:
     """Return mean and variance of specimens' first deviations given readings, (n, n_specimens).
 
-    Of a specimen without a reading they are 0 and τ².
+    For a specimen without readings they are 0 and τ².
     """
     learnt, spread = _innovations(curves)[2], curves.spread[..., 0]
     return np.sqrt(spread) * learnt[..., 0], spread * learnt[..., 1]
 
 
 def _innovations(curves: Linearised) -> tuple[Floats, Floats, Floats]:
-    """Return what `path_innovations` writes."""
+    """Return the outputs of `path_innovations`."""
     score, log_sd = np.empty_like(curves.residual), np.empty_like(curves.residual)
     learnt = np.empty((*curves.residual.shape[:2], 2))
     path_innovations(
@@ -533,7 +533,7 @@ def covariance(curves: Linearised) -> Floats:
 
 
 def blocks_of_covariance(curves: Linearised) -> list[Floats]:
-    """Return the covariances of the readings that there are, specimen by specimen, of one draw."""
+    """Return the covariances of existing readings for one draw, specimen by specimen."""
     total, mask = covariance(curves)[0], curves.paths.mask
     return [one[np.ix_(row, row)] for one, row in zip(total, mask, strict=True)]
 
@@ -555,7 +555,7 @@ def noise_correlation(paths: Paths, length: Floats, correlation: Floats) -> Floa
 
 
 def sequential(curves: Linearised) -> Floats:
-    """Return log densities of each reading given those before it, (n, n_specimens, n_readings).
+    """Return log densities of each reading given earlier ones, (n, n_specimens, n_readings).
 
     Readings of the second output come after all of the first. Their sum over a specimen is its
     density: the chain rule, by the Cholesky factor of the covariance.
@@ -603,7 +603,7 @@ def normal(value: Floats | float, mean: Floats, sd: Floats | float) -> Floats:
 
 
 def student(value: float, mean: Floats, scale: float, dof: float) -> Floats:
-    """Return the log density of Student's law; the normal one for infinite degrees of freedom.
+    """Return the log density of Student's law; normal for infinite degrees of freedom.
 
     Examples
     --------
@@ -620,9 +620,9 @@ def student(value: float, mean: Floats, scale: float, dof: float) -> Floats:
 
 
 def event_signal(log_probability: Floats) -> Floats:
-    """Return 2 arcsin √P, whose slope squared is the information that an event gives.
+    """Return 2 arcsin √P, whose squared slope is the information from an event.
 
-    Of an event of probability P that is P'²/(P (1 − P)).
+    For an event of probability P this is P'²/(P (1 − P)).
 
     Examples
     --------
@@ -636,7 +636,7 @@ def event_signal(log_probability: Floats) -> Floats:
 def student_information(dof: float) -> float:
     """Return the square root of the expected information of a shift by one scale.
 
-    That of Student's law is (ν + 1)/(ν + 3); of the normal law 1.
+    The information is (ν + 1)/(ν + 3) for Student's law, 1 for the normal law.
 
     Examples
     --------

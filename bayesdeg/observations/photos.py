@@ -1,6 +1,6 @@
-"""Photographs in place of readings: the columns of ``photos.csv``.
+"""Photographs instead of readings: the columns of ``photos.csv``.
 
-Each is traced, and its line of points is read as one of ``markers.csv`` is; see
+Each is traced, and its line of points is read like one of ``markers.csv``; see
 `bayesdeg.pipeline.traced`.
 """
 
@@ -13,7 +13,7 @@ TABLE = Table(
     "photos",
     pa.DataFrameSchema(
         of_actuators({"file": text()}),
-        [ONE_DEGRADATION, once("file", "give every photograph one row")],
+        [ONE_DEGRADATION, once("file", "give each photograph one row")],
         name=FILE,
     ),
     supports="verdict, gain, curvature bands",

@@ -1,7 +1,7 @@
-"""Tests of actuators at pressures, whatever was read in them: what was set, as padded arrays.
+"""Tests of actuators at pressures, with any kind of reading, as padded arrays.
 
-What kinds of one reading at each pressure have in common is `ReadAtPressures`: with the readings
-linearised about the specimens' deviations, all else follows.
+`ReadAtPressures` is the base of kinds with one reading at each pressure: everything follows from
+the readings linearised about the specimens' deviations.
 """
 
 from abc import abstractmethod
@@ -50,15 +50,15 @@ class PressureTests:
     Parameters
     ----------
     specimens : tuple of str
-        One a test.
+        One per test.
     degradation, degradation_sd : array, shape (n_specimens, 1)
         D_R as measured and its standard error [%].
     conditions : Conditions
-        What was set or recorded, (n_specimens, n_points).
+        Set and recorded conditions, (n_specimens, n_points).
     read : array, shape (n_specimens, n_points)
         The readings; 0 where there is none.
     mask : array of bool, shape (n_specimens, n_points)
-        Where there is one; a reading at zero pressure is zero by definition and none.
+        Where there is a reading; those at zero pressure are zero by definition and do not count.
     """
 
     specimens: tuple[str, ...]
@@ -79,7 +79,7 @@ class PressureTests:
         return chosen(self, rows)
 
     def places(self, kind: str) -> Places:
-        """Return where the readings stand, of this kind and of a family of their own."""
+        """Return the places of the readings, of this kind and their own family."""
         set_to, read = self.conditions, self.mask
 
         def each[T: np.generic](values: NDArray[T]) -> NDArray[T]:
@@ -102,16 +102,16 @@ class PressureTests:
 def pressure_tests(
     table: pd.DataFrame, column: str, batches: Sequence[str] = ()
 ) -> PressureTests | None:
-    r"""Return what was read in a column of a file of tests at pressures; None if nothing was.
+    r"""Return the readings in one column of tests at pressures; None if there are none.
 
     Parameters
     ----------
     table : DataFrame
-        As it was read.
+        The table as read.
     column : str
-        Its column.
+        The column of the readings.
     batches : sequence of str
-        Of `bayesdeg.data.batches.batch_order`.
+        From `bayesdeg.data.batches.batch_order`.
 
     Examples
     --------
@@ -145,7 +145,7 @@ def pressure_tests(
         cycle=filled("cycle", 1.0).astype(np.int64),
         unloading=words("branch", "loading") == "unloading",
         humidity=filled("humidity_pct", np.nan),
-        # rows that are not there are held as most are
+        # missing rows get the most common mount
         mount=words("mount", "horizontal"),
         temperature=filled("temperature_C", np.nan),
         batch=batch_numbers(table, batches)[:, None],
@@ -158,18 +158,18 @@ def pressure_tests(
 
 @dataclass(frozen=True)
 class ReadAtPressures(Observations):
-    """One quantity that is read of actuators at pressures.
+    """One quantity read on actuators at pressures.
 
     Parameters
     ----------
     reading : str
-        What is read, in words.
+        Name of the reading, in words.
     column : str
-        Of the file, a key of `bayesdeg.quantities.QUANTITIES`.
+        Column of the file, a key of `bayesdeg.quantities.QUANTITIES`.
     output : str
         Name of the variables of a posterior file.
     tests : PressureTests
-        What was read.
+        The readings.
     """
 
     is_criticised: ClassVar[bool] = True
@@ -181,10 +181,10 @@ class ReadAtPressures(Observations):
 
     @abstractmethod
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
-        """Linearise readings at no deviation of the specimens' ln stiffness."""
+        """Linearise readings at zero deviation of the specimens' ln stiffness."""
 
     def conditioned(self, state: State[FilmsAndActuators]) -> Linearised:
-        """Linearise readings given what else was read of the same specimens."""
+        """Linearise readings given other readings of the same specimens."""
         return self.linearised(state)
 
     def drawn_deviations(
@@ -289,7 +289,7 @@ class ReadAtPressures(Observations):
         return mean
 
     def _drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        """Draw readings that new specimens would show, (n, n_specimens, n_points)."""
+        """Draw readings of new specimens, (n, n_specimens, n_points)."""
         found = self.linearised(state)
         moved = self.drawn_deviations(state, generator) * found.slope[..., 0]
         z = correlated_normals(found.paths, found.length, found.correlation, generator)

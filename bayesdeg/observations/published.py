@@ -1,20 +1,20 @@
 """Published tests of actuators: the log density of R², and counts of ruptures as data.
 
-R² = 1 − SSE/SST says how far n specimens were from the simulation of their publication. A specimen
+R² = 1 − SSE/SST measures how far n specimens were from the published simulation. A specimen
 s differs from it, to first order, by
 
     d_sj = J_j (m_s − m_0) + ε_sj,   J = ∂κ/∂ ln(stiffness),
 
-with m_s ~ N(0, τ²) its own stiffness, error of its degradation rate included, m_0 ~ N(0, τ_0²) the
-error of the constants which that simulation took from a few films, and ε the noise of reading. So
-SSE is a weighted sum of chi-squares; a scaled chi-square stands for it.
+with m_s ~ N(0, τ²) its own stiffness deviation, including the error of its degradation rate,
+m_0 ~ N(0, τ_0²) the error of the constants, fitted to a few films, and ε the reading noise. So SSE
+is a weighted sum of chi-squares, approximated by a scaled chi-square.
 
-R² is a likelihood only for a study without readings of its own. Where there is an ``actuator.csv``
-it is shown beside the model's and not fitted: it describes other specimens and another simulation,
-and its own readings carry the information. What R² says is told in `published_density`: it speaks
-of scatter and noise, not of the shape of the curves.
+R² is a likelihood only for a study without its own readings. With an ``actuator.csv`` it is shown
+next to the model's and not fitted: it describes other specimens and a different simulation, and the
+study's own readings carry the information. `published_density` uses R² for scatter and noise, not
+for the shape of the curves.
 
-Counts of ruptures are data of every study that gives them, see `bayesdeg.observations.counts`.
+Counts of ruptures are data in every study that has them, see `bayesdeg.observations.counts`.
 """
 
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ SMALLEST_MISFIT = 2.5e-4
 
 
 class Differences(NamedTuple):
-    """What the differences of specimens to the published simulation are made of.
+    """Components of the differences between specimens and the published simulation.
 
     ``slope`` is J [1/m], of either sign, (n, n_levels, n_pressures). ``spread`` and
     ``common_spread`` are τ² and τ_0², (n, n_levels) or (n, 1). ``noise`` is the covariance V of
@@ -94,7 +94,7 @@ def misfit_moments(differences: Differences) -> Moments:
 
 
 def expected_total(curvature: Floats, differences: Differences) -> Floats:
-    """Return the mean of SST over all readings, those of zero at 0 kPa included, (n, n_levels).
+    """Return the mean of SST over all readings, including the zeros at 0 kPa, (n, n_levels).
 
     Scatter and noise of the readings add to the sum of squares of the mean curve.
 
@@ -121,11 +121,11 @@ def r_squared_log_density(
 ) -> Floats:
     r"""Return the log density of 1 − R² = SSE/SST at each level, shape (n, n_levels).
 
-    SSE is taken as :math:`c\,\chi^2_\nu` with its own mean and variance,
-    :math:`c = Var / (2 E)` and :math:`\nu = 2 E^2 / Var`, and SST as its mean. Between the 5 and
-    the 95 % quantile the log density of SSE is then right to 0.3, for scatter of 2 to 10 %, errors
-    of D_R up to 2 points and noise of 0.5 to 5 %; the probability of R² to fall below a value is
-    right to 0.06, the simulation's response to stiffness not being linear included.
+    SSE is approximated by :math:`c\,\chi^2_\nu` with its own mean and variance,
+    :math:`c = Var / (2 E)` and :math:`\nu = 2 E^2 / Var`, and SST by its mean. Between the 5 and
+    the 95 % quantile the log density of SSE is then accurate to 0.3, for scatter of 2 to 10 %,
+    errors of D_R up to 2 points and noise of 0.5 to 5 %; the probability that R² is below a value
+    is accurate to 0.06, including the nonlinear response of the simulation to stiffness.
 
     Parameters
     ----------
@@ -142,8 +142,8 @@ def r_squared_log_density(
 
     Examples
     --------
-    Two readings of one specimen with much noise of one and the same size: SSE is v χ² of 2 degrees
-    of freedom, and SST = 6 + (2 − 2/3) v = 10 on average.
+    Two readings of one specimen with much noise of equal size: SSE is v χ² of 2 degrees of freedom,
+    and SST = 6 + (2 − 2/3) v = 10 on average.
 
     >>> none, curve = np.zeros((1, 1)), np.array([[[3.0, 3.0]]])
     >>> noise = Differences(0.0 * curve, none, none, 3.0 * np.eye(2)[None, None], 1.0)
@@ -169,27 +169,27 @@ Flags = NDArray[np.bool_]
 Kind = Literal["r_squared", "ruptures"]
 
 PRESSURES = np.arange(20.0, 241.0, 20.0)
-"""Of the published tests [kPa]; curvature at 0 kPa is zero by definition and counts in SST."""
+"""Pressures of the published tests [kPa]; curvature at 0 kPa, zero by definition, counts in SST."""
 SPECIMENS = 3.0
-"""Actuators at a level, and films behind the constants of a level, where no number is given."""
+"""Default number of actuators at a level, and of films behind its constants."""
 
 
 @dataclass(frozen=True)
 class PublishedTests:
-    """Tests of actuators of which only statistics are known.
+    """Tests of actuators with only statistics known.
 
     Parameters
     ----------
     degradation, degradation_sd : array, shape (n_levels,)
         D_R of each level and its standard error from specimen to specimen [%].
     pressure : array, shape (n_pressures,)
-        Rising [kPa].
+        In increasing order [kPa].
     tested : array, shape (n_levels,)
         Number of actuators.
     r_squared, ruptured : array, shape (n_levels,)
-        R² [–] and number of actuators that burst; nan where it is not given.
+        R² [–] and number of actuators that burst; nan where not given.
     films : float
-        Number of films behind the constants that the published simulation used at a level.
+        Number of films behind the constants of the published simulation at a level.
     """
 
     degradation: Floats
@@ -211,13 +211,13 @@ class PublishedTests:
         return replace(self, ruptured=np.full_like(self.ruptured, np.nan))
 
     def names(self, kind: Kind) -> tuple[str, ...]:
-        """Return what the columns of a block of the log likelihood stand for."""
+        """Return the labels of the columns of a block of the log likelihood."""
         words = {"r_squared": "R²", "ruptures": "ruptures"}[kind]
         return tuple(f"{words} at {level:g} %" for level in self.degradation[self.given(kind)])
 
     @property
     def counted(self) -> RuptureCounts | None:
-        """The levels at which is known how many burst; None if there are none."""
+        """The levels with known numbers of ruptures; None if there are none."""
         known = self.given("ruptures")
         if not np.any(known):
             return None
@@ -233,15 +233,15 @@ class PublishedTests:
 
 
 def published_tests(study: Study) -> PublishedTests | None:
-    """Return the published statistics of a study without readings of actuators of its own.
+    """Return the published statistics of a study without its own actuator readings.
 
-    Degraded specimens get the error of degradation rates that the study states in general;
-    fresh ones have none.
+    Degraded specimens get the study's general error of degradation rates; fresh ones have no
+    error.
 
     Returns
     -------
     PublishedTests or None
-        None if none are given, or the study has readings of actuators of its own.
+        None if none are given, or the study has its own actuator readings.
 
     Raises
     ------
@@ -252,14 +252,14 @@ def published_tests(study: Study) -> PublishedTests | None:
 
 
 def published_counts(study: Study) -> RuptureCounts | None:
-    """Return how many of the actuators of others burst, whatever else the study has read.
+    """Return published numbers of ruptures, whatever other data the study has.
 
-    Of a study with actuators of its own they are taken to be tested up to the same pressure.
+    In a study with its own actuators they are assumed tested up to the same pressure.
 
     Raises
     ------
     StudyError
-        As of `published_tests`.
+        As in `published_tests`.
     """
     found = _tests_of(study)
     if found is None or study.actuator is None:
@@ -295,7 +295,7 @@ def _tests_of(study: Study) -> PublishedTests | None:
 
 
 class Asked(NamedTuple):
-    """What the forward map is asked of published tests, and τ² of the specimens, (n, n_levels)."""
+    """Inputs of the forward map for published tests, and τ² of the specimens, (n, n_levels)."""
 
     inputs: Inputs
     spread: Floats
@@ -346,7 +346,7 @@ def _by_level(study: Study, quantity: str) -> dict[float, float]:
     levels = rows["degradation_pct"].to_numpy(np.float64)
     twice = sorted({float(level) for level in levels if np.sum(levels == level) > 1})
     if twice:
-        remedy = "keep one row of each level"
+        remedy = "keep one row per level"
         raise StudyError(
             [
                 Fault("summary.csv", f"{quantity} at {level:g} % is given twice", remedy)
@@ -379,7 +379,7 @@ class RSquared(Observations):
     Parameters
     ----------
     tests : PublishedTests
-        At least at one level R² is given.
+        With R² at one level at least.
     """
 
     name: ClassVar[str] = "r_squared"
@@ -421,14 +421,14 @@ class RSquared(Observations):
 
 
 def of_tests(tests: PublishedTests) -> tuple[Observations, ...]:
-    """Return what is given of published tests, each statistic as a kind of its own."""
+    """Return given statistics of published tests, each as a separate kind."""
     r_squared = (RSquared(tests),) if np.any(tests.given("r_squared")) else ()
     counted = tests.counted
     return r_squared if counted is None else (*r_squared, counted)
 
 
 def from_study(study: Study) -> tuple[Observations, ...]:
-    """Return published R² where a study has no readings of its own; counts are not fitted."""
+    """Return published R² if a study has no readings of its own; counts are not fitted."""
     found = published_tests(study)
     kept = None if found is None else found.without_ruptures()
     return () if kept is None else of_tests(kept)

@@ -1,9 +1,9 @@
-"""Readings of a forward map of one's own: any function of parameters and conditions.
+"""Readings of a user's own forward map: any function of parameters and conditions.
 
-Readings are y = f + a_s c + e: f the forward map's, e ~ N(0, σ²) independent errors, and,
-where specimens differ, a_s ~ N(0, 1) one deviation for each specimen s, which moves its readings by
-c. A cause is a `bayesdeg.causes.cause.Cause` whose hooks ``on_inputs`` and ``on_reading`` take what
-``inputs`` and ``forward`` return, whatever that is.
+Readings are y = f + a_s c + e: f the forward map's, e ~ N(0, σ²) independent errors, and, if
+specimens differ, a_s ~ N(0, 1) one deviation per specimen s, which shifts its readings by c. A
+cause is a `bayesdeg.causes.cause.Cause` whose hooks ``on_inputs`` and ``on_reading`` take whatever
+``inputs`` and ``forward`` return.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,19 +34,19 @@ def places_of(
     history: ArrayLike = "once",
     time: ArrayLike = np.nan,
 ) -> Places:
-    """Return places of readings, by default of one kind and each of a specimen of its own.
+    """Return places of readings, by default of one kind and each of a separate specimen.
 
     Parameters
     ----------
     along : array, shape (n,)
-        What was varied, in its unit.
+        The varied quantity, in its unit.
     kind, level, specimen, history, time : array, optional
         As in `bayesdeg.observations.kinds.Places`; each broadcasts to (n,).
 
     Raises
     ------
     ValueError
-        If shapes do not go together.
+        If shapes do not match.
 
     Examples
     --------
@@ -71,26 +71,26 @@ def places_of(
 
 
 def as_they_are(values: Named, conditions: object) -> Named:
-    """Return the values of the parameters: what a forward map takes by default."""
+    """Return the values of the parameters: the default input of a forward map."""
     return values
 
 
 def as_given(cause: Cause) -> Cause:
-    """Return a cause whose hooks take what the forward map takes and gives."""
+    """Return a cause unchanged: its hooks take what the forward map takes and returns."""
     return cause
 
 
 def nothing_common(values: Named, readings: Floats) -> ArrayLike:
-    """Say that specimens do not differ beyond the errors of single readings."""
+    """Return 0: specimens do not differ beyond reading errors."""
     return 0.0
 
 
 @dataclass(frozen=True)
 class Formula:
-    """The world of a forward map of one's own.
+    """The world of a user's own forward map.
 
-    Functions are given values by name of shape (k, 1), k vectors at once, so that they broadcast
-    with readings (n,). Functions of a module, not lambdas, can be sent to other processes.
+    Functions get values by name of shape (k, 1), k vectors at once, which broadcast with readings
+    (n,). Module-level functions, not lambdas, can be sent to other processes.
 
     Parameters
     ----------
@@ -100,11 +100,11 @@ class Formula:
     inputs : callable
         From values and conditions to what the forward map takes; the values by default.
     readings : callable
-        From a prediction to readings (k, n); as it is by default.
+        From a prediction to readings (k, n); unchanged by default.
     adapted : callable
-        From a cause to one whose hooks take what the forward map takes and gives.
+        From a cause to one whose hooks take what the forward map takes and returns.
     report : callable, optional
-        Called at every answer with the vectors at which some reading has none, (k,).
+        Called at every evaluation with the vectors for which some reading is missing, (k,).
     """
 
     forward: Callable[[Any, Any], Any]
@@ -115,21 +115,21 @@ class Formula:
 
     @property
     def is_limited(self) -> bool:
-        """Whether parameters that priors allow may have no answer: it is not known."""
+        """Whether allowed parameters may have no solution: unknown, so assumed."""
         return False
 
     @property
     def is_factored(self) -> bool:
-        """Whether densities without data say what their factors are."""
+        """Whether densities without data provide their factors."""
         return False
 
     @property
     def continued(self) -> "Formula":
-        """The same: nothing is known of where it does not answer."""
+        """The same world: nothing is known of a range."""
         return self
 
     def check(self, causes: tuple[Cause, ...]) -> None:
-        """Refuse a cause that acts on nothing of a forward map of one's own.
+        """Refuse a cause that has no effect on a user's own forward map.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Formula:
                 )
 
     def allows(self, values: Named, levels: Floats) -> Flags:
-        """Return that every vector is possible, (n,)."""
+        """Allow every vector, (n,)."""
         return np.ones(len(next(iter(values.values()))), dtype=bool)
 
     def predicted(self, state: State["Formula"], conditions: Any) -> Floats:
@@ -158,30 +158,30 @@ class Formula:
 
 
 def spread(values: ArrayLike, shape: tuple[int, ...], source: str) -> Floats:
-    """Return values brought to the shape of vectors by readings.
+    """Broadcast values to the shape of vectors by readings.
 
     Raises
     ------
     ValueError
-        If they do not broadcast; the message names the function that gave them.
+        If they do not broadcast; the message names the function that returned them.
     """
     found = np.asarray(values, dtype=np.float64)
     try:
         return np.broadcast_to(found, shape)
     except ValueError:
         raise ValueError(
-            f"{source} must return what broadcasts to {shape}, vectors by readings, "
+            f"{source} must return values that broadcast to {shape}, vectors by readings, "
             f"not shape {found.shape}"
         ) from None
 
 
 def check_shapes(observed: Floats, places: Places, group: Labels, rows: Rows | slice) -> None:
-    """Refuse readings, places, groups and rows that do not go together.
+    """Refuse readings, places, groups and rows that do not match.
 
     Raises
     ------
     ValueError
-        Naming what has the wrong shape, or the specimen that is in several groups.
+        Naming the argument of wrong shape, or the specimen in several groups.
     """
     if np.ndim(observed) != 1 or not np.all(np.isfinite(observed)):
         raise ValueError(f"observed must be finite, with one axis, not shape {np.shape(observed)}")
@@ -198,7 +198,7 @@ def check_shapes(observed: Floats, places: Places, group: Labels, rows: Rows | s
         if len(owners) > 1:
             raise ValueError(
                 f"specimen {str(specimen)!r} is in several groups, {owners.tolist()}: "
-                "readings of one specimen are held out together"
+                "all readings of a specimen must be held out together"
             )
 
 
@@ -211,25 +211,25 @@ class FormulaReadings(Observations):
     observed_values : array, shape (n,)
         The readings.
     read_at : Places
-        Where they stand, see `places_of`.
+        Their places, see `places_of`.
     error : callable
         From values by name (k, 1) and predicted readings (k, n) to the standard deviation of the
         errors, in the readings' units, which broadcasts to (k, n).
     group : array of str, shape (n,), optional
-        What is held out together, by default specimens; empty where a reading never is.
+        Hold-out groups, by default specimens; empty for readings never held out.
     conditions
-        What the experiment set: any object, by default `read_at.along`.
+        Conditions of the experiment: any object, by default `read_at.along`.
     common : callable
-        Like ``error``: c, by how much readings differ together from specimen to specimen.
+        Like ``error``: c, the common deviation of readings between specimens.
     rows : array of int, shape (n,)
-        Which of the forward map's readings were taken; by default all, in order.
+        Indices into the forward map's readings; by default all, in order.
     read_in : mapping of str to Scale
         Unit and axis of the readings by their kind.
 
     Raises
     ------
     ValueError
-        If shapes do not go together or a specimen is in several groups.
+        If shapes do not match or a specimen is in several groups.
     """
 
     name: ClassVar[str] = "readings"
@@ -248,7 +248,7 @@ class FormulaReadings(Observations):
     read_in: Mapping[str, Scale] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Fill in defaults, and refuse what does not go together."""
+        """Fill in defaults, and refuse mismatched arguments."""
         if self.group.size == 0:
             object.__setattr__(self, "group", self.read_at.specimen)
         if self.conditions is None:
@@ -367,10 +367,10 @@ class FormulaReadings(Observations):
         ]
 
     def _sequential(self, state: State[Formula]) -> Floats:
-        """Return log densities of each reading given those before it on its specimen, (k, n).
+        """Return log densities of each reading given earlier ones on its specimen, (k, n).
 
-        What is known of a specimen's deviation a after some readings has precision
-        1 + Σ c²/σ² and mean Σ c r/σ² over it.
+        After some readings the specimen's deviation a has precision 1 + Σ c²/σ² and mean Σ c r/σ²
+        over it.
         """
         mean, sd, moved = self._laws(state)
         residual, density = self.observed_values - mean, np.empty(mean.shape)
@@ -399,7 +399,7 @@ class FormulaReadings(Observations):
         if not isinstance(self.rows, slice):
             width, last = found.shape[-1] if found.ndim else 1, np.max(self.rows, initial=-1)
             if width <= last:
-                raise ValueError(f"rows go up to {last}, forward returned {width}")
+                raise ValueError(f"rows go up to {last}, forward returned {width} readings")
         predicted = spread(found, (len(state), width), "forward")
         if state.world.report is not None:
             state.world.report(~np.all(np.isfinite(predicted[:, self.rows]), axis=1))

@@ -1,4 +1,4 @@
-"""At which pressure actuators burst, or which they survived."""
+"""Pressures at which actuators burst, or which they survived."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar, override
@@ -43,17 +43,17 @@ def strength_of(state: State[FilmsAndActuators], data: AtPressures) -> Strength:
 def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength) -> Floats:
     r"""Return log probabilities that each specimen burst where it did, or survived, (n, S).
 
-    A specimen bursts where the stretch that its pressure demands passes its own limit, of which
+    A specimen bursts when the stretch demanded by its pressure exceeds its own limit, of which
     ln ε_b, ε = λ − 1, has the median ln ε̃, the sd s and a law F of scores: survived up to p, burst
     at p' it has :math:`F(z(p')) - F(z(p))`, one that did not burst :math:`1 - F(z(p))`. A pressure
-    at which the forward map has no answer demands an infinite stretch of the specimen that burst
-    there, and says nothing of one that survived it; without strain nothing bursts. Of earlier
-    cycles only what was survived below the pressure of the rupture counts: fatigue is not modelled.
+    without a solution demands an infinite stretch of a specimen that burst there, and is
+    uninformative for one that survived it; without strain nothing bursts. Of earlier cycles only
+    pressures survived below that of the rupture count: fatigue is not modelled.
 
     Parameters
     ----------
     data : ActuatorCurves
-        Which pressures were survived.
+        Curves with the survived pressures.
     prediction : Prediction
         At the specimens' most probable stiffness.
     strength : Strength
@@ -87,8 +87,8 @@ class Rupture(Observations):
     Parameters
     ----------
     curves : ActuatorCurves
-        The same as those of `bayesdeg.observations.curvature.Curvature`: what is predicted at the
-        specimens' most probable stiffness is worked out once for both.
+        The same as those of `bayesdeg.observations.curvature.Curvature`: predictions at the
+        specimens' most probable stiffness are computed once for both.
     """
 
     name: ClassVar[str] = "rupture"
@@ -132,9 +132,9 @@ class Rupture(Observations):
         generator: np.random.Generator,
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
-        """Let actuators burst at the first pressure that demands more than they stand.
+        """Simulate ruptures at the first pressure that demands more than the specimen's limit.
 
-        Rows after that are gone, also from the readings that were drawn.
+        Later rows are removed, also from readings drawn before.
         """
         readings, predicted, _ = state.once(draw_readings, self.curves, generator)
         burst = self._bursts(state, predicted.prediction, generator)
@@ -150,9 +150,9 @@ class Rupture(Observations):
     ) -> Flags:
         """Return the recorded rows at which actuators burst, (n_specimens, n_points).
 
-        The emulator's error of ln strain is one of the specimen, so that the stretch it demands
-        grows with pressure; for each pressure it has the law of the likelihood, with flaws nearly,
-        as the error is small beside the scatter.
+        The emulator's error of ln strain is drawn once per specimen, so the demanded stretch grows
+        with pressure; at each pressure it has the law of the likelihood (approximately with flaws,
+        as the error is small relative to the scatter).
         """
         data, strength = self.curves, strength_of(state, self.curves)
         z = draw_scores(strength.median.shape, generator, strength.law)
@@ -168,7 +168,7 @@ class Rupture(Observations):
 
 
 def _ended(one: Observations, burst: Flags) -> Observations:
-    """Return volumes without those from where the specimens burst; all else as it is."""
+    """Return volumes cut where the specimens burst; other data unchanged."""
     if not isinstance(one, CavityVolume):
         return one
     mask = one.tests.mask & (np.cumsum(burst, axis=1) == 0)
@@ -188,6 +188,6 @@ def _cut(data: ActuatorCurves, burst: Flags) -> ActuatorCurves:
 
 
 def from_observations(found: tuple[Observations, ...]) -> tuple[Rupture, ...]:
-    """Return the ruptures of actuators whose elongation at break something is known of."""
+    """Return the ruptures of actuators, if there is information on elongation at break."""
     limited = any(len(one.elongation_levels) for one in found)
     return tuple(Rupture(one.curves) for one in found if limited and isinstance(one, Curvature))

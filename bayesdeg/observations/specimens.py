@@ -1,4 +1,4 @@
-"""The world of films and actuators: parameters become a material, its scatter, its limits."""
+"""The world of films and actuators: from parameters to a material, its scatter and limits."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -32,8 +32,8 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # Medians follow the published moduli (6 C1 = 1.73 MPa fresh, about 5.5 times that at 25 %) and
-# break elongations (210 % and about 52 %); doi:10.3389/frobt.2021.760485. Between the ends they are
-# control values: half of what holds at 12.5 % is theirs.
+# break elongations (210 % and about 52 %); doi:10.3389/frobt.2021.760485. Values between the ends
+# are control values: they contribute half of the value at 12.5 %.
 _C1 = {
     0.0: LogNormal(0.3, 0.4),
     25.0 / 3.0: LogNormal(0.5, 0.6),
@@ -56,7 +56,7 @@ _ELONGATION = {0.0: LogNormal(200.0, 0.5), 12.5: LogNormal(110.0, 0.6), 25.0: Lo
 _STEP = 5e-4
 _STENCIL = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * _STEP)
 _AROUND_ONE = 1.0 + _STEP * np.array([-2.0, -1.0, 1.0, 2.0])
-"""Stretches about 1, and weights with which stresses there give the slope to a part in 1e11."""
+"""Stretches about 1, and weights of stresses there that give the slope to 1e-11."""
 
 
 @cache
@@ -73,7 +73,7 @@ def node_name(quantity: str, node: float) -> str:
 
 @cache
 def control_name(quantity: str, nodes: Nodes, k: int) -> str:
-    """Return the name of a constant's control value: its value at the ends, its pull between them.
+    """Return the name of a constant's control value: value at the ends, control point between.
 
     Examples
     --------
@@ -88,9 +88,9 @@ def control_name(quantity: str, nodes: Nodes, k: int) -> str:
 def material_parameters(
     nodes: Nodes, *, degrades: bool = True, law: MaterialLaw = "yeoh"
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of the Yeoh constants against D_R: their Bernstein control values.
+    """Return the parameters of Yeoh's constants against D_R: their Bernstein control values.
 
-    A neo-Hookean solid has those of C1 alone.
+    A neo-Hookean solid has only those of C1.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def material_parameters(
                 control_name("c2_ratio", nodes, k),
                 ratio,
                 "–",
-                f"C2/sqrt(3 C1 C3){where}; above −1 the material is stable",
+                f"C2/sqrt(3 C1 C3){where}; the material is stable above −1",
             ),
             Parameter(control_name("c3", nodes, k), _nearest(_C3, node), "MPa", f"C3{where}"),
         ]
@@ -141,23 +141,23 @@ def elongation_parameters(nodes: Nodes, *, degrades: bool = True) -> tuple[Param
 
 
 LEAST_STIFFENING = 1.0 / 1500.0
-"""C3/C1 of a neo-Hookean solid where actuators are predicted: emulators know solids that stiffen,
-C3/M from 4e-4 on. To the stress it adds 0.8 % at a stretch of 2 and 0.07 % at 1.5."""
+"""C3/C1 of a neo-Hookean solid in predictions of actuators: emulators cover stiffening solids only,
+with C3/M from 4e-4 on. It raises the stress by 0.8 % at a stretch of 2 and 0.07 % at 1.5."""
 
 
 STIFFNESS_SCATTER = Parameter(
-    "stiffness_scatter", HalfNormal(0.1), "–", "sd of ln stiffness from specimen to specimen"
+    "stiffness_scatter", HalfNormal(0.1), "–", "sd of ln stiffness between specimens"
 )
 
 
 COURSE = (
-    # 10 to 30 % of moisture make the published volume ratio plausible
+    # 10 to 30 % moisture agrees with the published volume ratio
     Parameter("fresh_moisture", LogNormal(20.0, 0.4), "%", "moisture content before degradation"),
     # a film cannot lose more than all of its moisture
     Parameter(
-        "degradation_limit", Uniform(0.0, 100.0), "%", "degradation rate that is approached in time"
+        "degradation_limit", Uniform(0.0, 100.0), "%", "limit of the degradation rate over time"
     ),
-    # the films of the source were followed over a day
+    # the source followed its films over a day
     Parameter(
         "degradation_time_constant",
         LogNormal(12.0, 1.0),
@@ -165,7 +165,7 @@ COURSE = (
         "time after which 63 % of the limit is reached",
     ),
     # a tenth of the fresh moisture
-    Parameter("moisture_scatter", HalfNormal(2.0), "%", "sd of moisture content from film to film"),
+    Parameter("moisture_scatter", HalfNormal(2.0), "%", "sd of moisture content between films"),
 )
 """Parameters of the course of degradation in films, see `bayesdeg.inference.course`."""
 
@@ -182,7 +182,7 @@ class Material(NamedTuple):
     constants : array, shape (n, S, 3)
         Yeoh's C1, C2, C3 [MPa].
     slope : array, shape (n, S, 3)
-        Their derivatives by D_R [MPa/%].
+        Their derivatives with respect to D_R [MPa/%].
     """
 
     constants: Floats
@@ -198,7 +198,7 @@ class Material(NamedTuple):
 def controls_of(values: Named, nodes: Nodes, stiffening: float = 0.0) -> Controls:
     """Return the control values of the constants, each (n, n_nodes).
 
-    Where C2 and C3 are no parameters the solid is neo-Hookean: C2 = 0, and C3 is this share of C1.
+    Without C2 and C3 the solid is neo-Hookean: C2 = 0, and C3 is this share of C1.
     """
     given = ("c1", "c2_ratio", "c3") if control_name("c3", nodes, 0) in values else ("c1",)
     found = [
@@ -219,14 +219,14 @@ def material_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Materi
 
 
 def constants_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Floats:
-    """Return the constants alone, as of `material_at`."""
+    """Return the constants alone, as in `material_at`."""
     return constants(controls, bernstein_weights(degradation, nodes))
 
 
 def shared(degradation: Floats) -> Floats:
-    """Return degradation rates (n, S) as (S,) where they are one row, broadcast over draws.
+    """Return degradation rates (n, S) as (S,) if they are one row broadcast over draws.
 
-    What follows from them alone is then worked out once.
+    Results that depend on them alone are then computed once.
 
     Examples
     --------
@@ -238,15 +238,15 @@ def shared(degradation: Floats) -> Floats:
 
 
 PAPER_STIFFNESS = "paper_stiffness"
-#: Parameters of which every model of actuators has one: without paper the first is none, and of
-#: tip forces alone the second.
+#: Every model of actuators has one of these parameters: without paper the first is missing, for tip
+#: forces alone the second.
 OF_ACTUATORS = frozenset({PAPER_STIFFNESS, "curvature_noise"})
 
 
 def linear_scale(values: Named) -> Floats:
     """Return the length of the part over that of its mould, (n,).
 
-    It is α^(1/3), and exactly 1 where α is no parameter: nothing then says that the part shrank.
+    It is α^(1/3), and exactly 1 if α is not a parameter: the part is then not known to shrink.
 
     Examples
     --------
@@ -264,7 +264,7 @@ def linear_scale(values: Named) -> Floats:
 def layer_stiffness(values: Named) -> Floats:
     """Return E t of the paper or film, (n,) [N/m].
 
-    It is 0 where it is no parameter: an actuator has a layer of elastomer then, or none.
+    It is 0 if it is not a parameter: the actuator then has an elastomer layer, or none.
 
     Examples
     --------
@@ -299,7 +299,7 @@ def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
     values : mapping
         Named values, (n,).
     slope : array, shape (n, S)
-        Of `elongation_slope` [1/%].
+        From `elongation_slope` [1/%].
     sd : array, shape (S,) or (n, S)
         Standard errors of the degradation rates [%].
     """
@@ -308,38 +308,38 @@ def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
 
 
 def no_map(inputs: Inputs) -> Prediction:
-    """Answer nothing: the forward map of a world without actuators."""
-    raise ValueError("there is no forward map in a world without actuators")
+    """Raise an error: the forward map of a world without actuators."""
+    raise ValueError("a model without actuators has no forward map")
 
 
 @dataclass(frozen=True)
 class FilmsAndActuators:
-    """What films and actuators have in common: the material, and how actuators are predicted.
+    """The common model of films and actuators: the material, and the forward map of actuators.
 
     Parameters
     ----------
     nodes, elongation_nodes : tuple of float
-        Degradation rates at which constants are controlled and elongation is held [%].
+        Nodes of the constants and of the elongation, degradation rates [%].
     forward : ForwardMap
-        Needed where anything of actuators is to be predicted.
+        Needed to predict actuators.
     paper_thickness : float
-        Of the actuators [mm].
+        Paper thickness of the actuators [mm].
     largest_pressure : float
-        By which the emulator's common error is scaled [kPa].
+        Pressure that scales the emulator's common error [kPa].
     criterion : str
-        What of a wall's state is held against the films' elongation at break, see
+        Measure of a wall's state compared with the films' elongation at break, see
         `bayesdeg.actuator.demand`.
     size_ratio : float
-        Volume of the actuator as moulded over that of a film that is stretched, for the weakest
+        Volume of the actuator as moulded over that of a tested film, for the weakest
         link [–].
     degrades : bool
-        Whether anything of the study does, see `bayesdeg.data.study.Study.degrades`.
+        Whether anything in the study degrades, see `bayesdeg.data.study.Study.degrades`.
     law : {"yeoh", "neo_hookean"}
         Which constants are parameters.
     stiffening : float
         C3/C1 of a neo-Hookean solid: 0, and `LEAST_STIFFENING` where actuators are predicted.
     dimensions : tuple of str
-        Those of the actuators that are parameters.
+        Dimensions of the actuators that are parameters.
     """
 
     nodes: Nodes
@@ -356,17 +356,17 @@ class FilmsAndActuators:
 
     @property
     def is_limited(self) -> bool:
-        """Whether parameters that priors allow may have no answer."""
+        """Whether allowed parameters may have no solution."""
         return True
 
     @property
     def is_factored(self) -> bool:
-        """Whether densities without data say what their factors are."""
+        """Whether densities without data provide their factors."""
         return True
 
     @property
     def continued(self) -> "FilmsAndActuators":
-        """The same with a forward map that goes on outside its range, if it can."""
+        """The same world with an extrapolating forward map, if possible."""
         return replace(self, forward=continuation(self.forward))
 
     def sizes(self, values: Named) -> dict[str, Floats] | None:
@@ -376,16 +376,16 @@ class FilmsAndActuators:
 
     @property
     def scatter_law(self) -> ScatterLaw:
-        """Law of the elongation at break from specimen to specimen."""
+        """Scatter law of the elongation at break between specimens."""
         return scatter_law(self.criterion)
 
     def answer(self, inputs: Inputs, values: Named) -> Prediction:
-        """Return what the forward map answers, its peak stretch as the criterion sees it.
+        """Evaluate the forward map, with the peak stretch as defined by the criterion.
 
         Parameters
         ----------
         inputs : Inputs
-            What the mechanics met, (n, n_specimens, n_pressures).
+            Inputs of the mechanics, (n, n_specimens, n_pressures).
         values : mapping
             Named values, (n,).
         """
@@ -400,20 +400,20 @@ class FilmsAndActuators:
         """Refuse no cause: each acts on something of films or actuators."""
 
     def watched(self, read: Flags, report: Callable[[Flags], None]) -> "FilmsAndActuators":
-        """Return the same with a forward map that reports which vectors it refused, (n,).
+        """Return the same world with a forward map that reports which vectors it refused, (n,).
 
         Parameters
         ----------
         read : array of bool
-            Where there are readings: what else is refused does not count.
+            Where there are readings; other refusals do not count.
         report : callable
-            Called at every answer.
+            Called at every evaluation.
         """
         forward = self.continued.forward
 
         def answer(inputs: Inputs) -> Prediction:
             prediction = forward(inputs)
-            if prediction.status.shape[-2:] == read.shape:  # else asked of other tests
+            if prediction.status.shape[-2:] == read.shape:  # else evaluated for different tests
                 refused = (prediction.status == Status.OUTSIDE_TRAINING) & read
                 report(np.any(refused, axis=(-2, -1)))
             return prediction
@@ -423,7 +423,7 @@ class FilmsAndActuators:
     def allows(self, values: Named, levels: Floats) -> Flags:
         """Return whether the material is stable at every degradation rate of the specimens, (n,).
 
-        Up to the last node it is so by construction.
+        Up to the last node it is stable by construction.
 
         Parameters
         ----------
@@ -477,8 +477,8 @@ def modulus_100(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()
 
     .. math:: P(2) = \tfrac{7}{2} \left(C_1 + 4 C_2 + 12 C_3\right)
 
-    since I₁ − 3 = 2 there.  Causes that change the material change it; those that change how films
-    of the study were read do not, as it was read elsewhere.
+    since I₁ − 3 = 2 there.  Causes that change the material change it; causes that change how the
+    study's films were read do not, as it was measured elsewhere.
 
     Parameters
     ----------
@@ -487,7 +487,7 @@ def modulus_100(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()
     constants : array, shape (n, S, 3)
         Yeoh's C1, C2, C3 [MPa].
     causes : tuple of Cause
-        Those that act.
+        Active causes.
 
     Returns
     -------
@@ -519,9 +519,9 @@ def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = 
 
     .. math:: Y = \left. \frac{dP}{d\lambda} \right|_{\lambda = 1}
 
-    which is 6 C₁ where no cause acts on that stress, and 6 C₁ (1 + x/(2√3)) with a
-    `second_invariant` of ratio x. It is taken from what causes do to stresses, by differences of
-    fourth order, so no cause has to state it.
+    which is 6 C₁ if no cause acts on that stress, and 6 C₁ (1 + x/(2√3)) with a
+    `second_invariant` of ratio x. It is computed from the causes' effect on stresses, by
+    fourth-order differences, so no cause has to provide it.
 
     Parameters
     ----------
@@ -530,7 +530,7 @@ def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = 
     constants : array, shape (n, S, 3)
         Yeoh's C1, C2, C3 [MPa].
     causes : tuple of Cause
-        Those that act.
+        Active causes.
 
     Returns
     -------

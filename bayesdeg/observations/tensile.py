@@ -49,13 +49,13 @@ STRESS, FILM = "stress", "film"
 
 
 TENSILE = (
-    Parameter("tensile_noise", HalfNormal(0.05), "–", "reading error of stress, proportional"),
-    Parameter("tensile_noise_floor", HalfNormal(0.02), "MPa", "reading error of stress, constant"),
+    Parameter("tensile_noise", HalfNormal(0.05), "–", "proportional reading error of stress"),
+    Parameter("tensile_noise_floor", HalfNormal(0.02), "MPa", "constant reading error of stress"),
     Parameter(
         "tensile_noise_length",
         Uniform(0.002, 0.15),
         "–",
-        "stretch over which the reading error of stress stays alike",
+        "correlation length of reading errors of stress in stretch",
     ),
 )
 
@@ -67,23 +67,23 @@ class TensileCurves:
     Parameters
     ----------
     specimens : tuple of str
-        One a curve.
+        One per curve.
     modes : tuple of str
         Mode of loading of each curve.
     degradation, degradation_sd : array, shape (n_specimens,)
         D_R of the film and its standard error [%].
     basis : array, shape (n_specimens, n_points, 3)
-        Yeoh's design matrix for the stress measure that was recorded.
+        Yeoh's design matrix for the recorded stress measure.
     stretch, stress : array, shape (n_specimens, n_points)
         [–], [MPa].
     cauchy : array of bool, shape (n_specimens, n_points)
-        Whether the stress recorded is Cauchy's.
+        Whether the recorded stress is Cauchy stress.
     mask : array of bool, shape (n_specimens, n_points)
         Where there is an observation.
     temperature : array, shape (n_specimens,), optional
         Of the room [°C]; nan where not recorded.
     batch : array of int, shape (n_specimens,), optional
-        Of which batch it is, see `bayesdeg.data.batches.batch_numbers`.
+        Number of its batch, see `bayesdeg.data.batches.batch_numbers`.
     """
 
     specimens: tuple[str, ...]
@@ -100,7 +100,7 @@ class TensileCurves:
 
     @cached_property
     def conditions(self) -> FilmConditions:
-        """What the tests set."""
+        """Test conditions."""
         return FilmConditions(
             self.stretch,
             np.array(self.modes),
@@ -122,14 +122,14 @@ class TensileCurves:
 
 
 def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
-    """Return the tensile curves of the modes that are fitted, or of those that are held out."""
+    """Return the tensile curves of the fitted modes, or of the held-out ones."""
     table = study.tensile
     if table is None:
         return None
     table = table[(table["mode"].isin(study.settings.fit_modes) == fitted) & ~undeformed(table)]
     if table.empty:
         return None
-    # by stretch, so that the order of rows does not matter
+    # sorted by stretch, so that row order does not matter
     table = table.sort_values("stretch", kind="stable")
     batches = batch_order(study.tensile, study.actuator)
     order = table.groupby(["specimen_id", "mode"], sort=False)
@@ -170,24 +170,24 @@ def film_density(
     density: Floats,
     deviation: Floats,
 ) -> None:
-    """Write the log density of each film's readings and its most probable deviations.
+    """Compute the log density of each film's readings and its most probable deviations.
 
     Parameters
     ----------
     stress : array, shape (n_specimens, n_points)
         As read [MPa].
     at_rest, by_rate : array, shape (n, n_specimens, n_points)
-        As `Stresses`.
+        As in `Stresses`.
     noise : array, shape (n, 2)
         Constant [MPa] and proportional [–] reading error.
     spread, length : array, shape (n, n_specimens, 2), (n,)
-        As `bayesdeg.observations.noise.Linearised`.
+        As in `bayesdeg.observations.noise.Linearised`.
     mask, gap : array, shape (n_specimens, n_points)
-        As `bayesdeg.observations.noise.Paths`.
+        As in `bayesdeg.observations.noise.Paths`.
     passes : int
-        Linearisations, the first at no deviation.
+        Number of linearisations, the first at zero deviation.
     density, deviation : array, shape (n, n_specimens), (n, n_specimens, 2)
-        Written: of the last linearisation, and what follows from it.
+        Output: of the last linearisation, and the resulting deviation.
     """
     n, n_specimens, n_points = at_rest.shape
     alike, count = same_path(mask, gap), 0
@@ -247,7 +247,7 @@ def _linearise(stress: Floats, median: Floats, law: Floats, rows: Floats) -> Non
 
 
 PASSES = 3
-"""Linearisations, the first at no deviation."""
+"""Number of linearisations, the first at zero deviation."""
 
 
 class Stresses(NamedTuple):
@@ -258,7 +258,7 @@ class Stresses(NamedTuple):
     at_rest : array
         Of films without deviations [MPa].
     by_rate : array
-        Derivative by the degradation rate [MPa/%].
+        Derivative with respect to the degradation rate [MPa/%].
     """
 
     at_rest: Floats
@@ -266,7 +266,7 @@ class Stresses(NamedTuple):
 
 
 def median_stresses(state: State[FilmsAndActuators], data: TensileCurves) -> Stresses:
-    """Return what films of the median material read."""
+    """Return stresses of films of the median material."""
     material = state.world.material(state.values, data.degradation)
     causes, parts = state.acting(), []
     for constants in material:
@@ -289,13 +289,13 @@ def linearise_films(data: TensileCurves, values: Named, median: Stresses) -> Lin
 def log_density(data: TensileCurves, values: Named, median: Stresses) -> Floats:
     """Return log densities of whole films, (n, n_specimens).
 
-    It is that of the readings as `linearise_films` linearises them.
+    The readings are linearised by `linearise_films`.
     """
     return _density_and_mode(data, values, median, passes=PASSES)[0]
 
 
 def film_readings(median: Stresses, deviation: Floats) -> tuple[Floats, Floats]:
-    """Return stresses of films with these deviations, and their slopes by them.
+    """Return stresses of films with these deviations, and their derivatives.
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ def stress_variance(values: Named, stress: Floats) -> Floats:
 def _density_and_mode(
     data: TensileCurves, values: Named, median: Stresses, *, passes: int
 ) -> tuple[Floats, Floats]:
-    """Return the density at the last of the linearisations, and the deviations found there."""
+    """Return the density of the last linearisation, and its deviations."""
     spread = _spread(data, values)
     density, deviation = np.empty(spread.shape[:2]), np.empty(spread.shape)
     film_density(
@@ -389,7 +389,7 @@ def _stress(basis: Floats, constants: Floats) -> Floats:
 
 
 SMALLEST = (1e-3, -np.inf, 1e-6)  # of the control values of C1, C2, C3 [MPa]
-NOISE = 0.03  # of stress, relative, by which readings are weighted
+NOISE = 0.03  # relative error of stress by which readings are weighted
 
 
 @dataclass(frozen=True)
@@ -399,9 +399,9 @@ class Tensile(Observations):
     Parameters
     ----------
     curves : TensileCurves
-        What was read.
+        The readings.
     by_mode : bool, optional
-        Whether films are held out mode by mode; by default where there are several modes.
+        Whether films are held out mode by mode; by default if there are several modes.
 
     Notes
     -----
@@ -457,11 +457,11 @@ class Tensile(Observations):
 
     @override
     def subset(self, rows: Rows) -> "Tensile":
-        # groups stay what they are, though one mode may be left
+        # keep the groups, even if only one mode is left
         return Tensile(self.curves.subset(rows), self.is_by_mode)
 
     def stresses(self, state: State[FilmsAndActuators]) -> Stresses:
-        """Return what films of the median material read."""
+        """Return stresses of films of the median material."""
         return state.once(median_stresses, self.curves)
 
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
@@ -510,7 +510,7 @@ class Tensile(Observations):
         return self.drawn(state, generator)[:, self.curves.mask]
 
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        """Draw stresses that new films in the same tests would read, (n, n_specimens, n_points)."""
+        """Draw stresses of new films in the same tests, (n, n_specimens, n_points)."""
         data, values = self.curves, state.values
         shape = (len(values["stiffness_scatter"]), len(data.specimens))
         scatter = np.broadcast_to(values["stiffness_scatter"][:, None], shape)
@@ -535,8 +535,8 @@ class Tensile(Observations):
 
     @override
     def start(self, world: FilmsAndActuators) -> dict[str, float]:
-        """Return control values of the constants by least squares, in which stress is linear."""
-        # takes a second to import, and what only reads data does without
+        """Return control values of the constants by least squares, as stress is linear in them."""
+        # takes a second to import, and reading data does not need it
         optimize = importlib.import_module("scipy.optimize")
         data, nodes = self.curves, world.nodes
         names = ("c1",) if world.law == "neo_hookean" else ("c1", "c2_ratio", "c3")
@@ -558,6 +558,6 @@ class Tensile(Observations):
 
 
 def from_study(study: Study) -> tuple[Tensile, ...]:
-    """Return the curves of the modes that are fitted, if there are any."""
+    """Return the curves of the fitted modes, if any."""
     curves = tensile_curves(study, fitted=True)
     return () if curves is None else (Tensile(curves),)

@@ -1,18 +1,18 @@
-r"""Volume that the chambers take up under pressure, read beside the curvature of actuators.
+r"""Volume taken up by the chambers under pressure, read together with curvature.
 
-With ΔV(m) the volume that the mechanics answers for a specimen whose ln stiffness deviates by m,
+With ΔV(m) the predicted volume of a specimen whose ln stiffness deviates by m,
 
 .. math:: y = \Delta V(m) + g\,s + \varepsilon, \qquad m \sim N(0, \tau^2), \quad g \sim N(0, 1)
 
-with s the emulator's standard error, whose sign is the same in all specimens, and ε correlated
-along the path as every reading error is. m is that of the curvatures of the same specimen: the
-density is that of the volumes given these, so :math:`N(0, \tau^2)` gives way to what the curvatures
-leave of it, and both together are the density of all that was read.
+with s the emulator's standard error, of the same sign in all specimens, and ε correlated along the
+path like every reading error. m is that of the curvatures of the same specimen: the density is
+conditional on these, so :math:`N(0, \tau^2)` is replaced by the posterior of m given curvatures,
+and both together are the density of all readings.
 
-The volume tells of what changes the shape that is swept for a bending: walls of another thickness,
-faces that are eroded, a skin that is stiff, and the size of the part, whose cube it grows with. It
-does not tell a pressure that is lost from a material that is stiffer: both outputs are functions of
-p/C1 and of the paper's stiffness over C1, and only a force has a stress in it.
+The volume reveals changes of the shape swept per bend: different wall thickness, eroded faces, a
+stiff skin, and the size of the part, whose cube it scales with. It cannot tell a lost pressure from
+a stiffer material: both outputs are functions of p/C1 and of the paper's stiffness over C1, and
+only a force involves a stress.
 
 Derived here from the linear model of `bayesdeg.observations.noise`.
 """
@@ -47,35 +47,35 @@ Floats = NDArray[np.float64]
 
 VOLUME = "cavity volume"
 SHARE_OF_STROKE = 0.02
-"""Constant reading error by its prior, over the largest volume that was read: a syringe or a piston
-is graduated in fifties to hundreds of its stroke."""
-SHORTEST_NOISE = 0.005  # of the pressure range, as of curvature
+"""Prior constant reading error over the largest recorded volume: a syringe or piston is graduated
+in fiftieths to hundredths of its stroke."""
+SHORTEST_NOISE = 0.005  # of the pressure range, as for curvature
 _PROPORTIONAL = Parameter(
-    # a syringe and its tubes give way with pressure, and the air in them is compressed
+    # a syringe and its tubes expand under pressure, and the air in them is compressed
     "volume_noise",
     HalfNormal(0.05),
     "–",
-    "reading error of volume, proportional",
+    "proportional reading error of volume",
 )
-_LENGTH = "pressure over which reading errors of volume stay alike"
+_LENGTH = "correlation length of reading errors of volume in pressure"
 EMULATOR_ERROR = Parameter(
     "emulator_error_volume",
     Normal(0.0, 1.0),
     "–",
-    "error of the emulator common to all volumes, in its own standard errors",
+    "emulator error common to all volumes, in standard errors",
 )
 
 
 @dataclass(frozen=True)
 class CavityVolume(ReadAtPressures):
-    """Volumes of cavities less those at zero pressure, on specimens whose curvature was read.
+    """Increase of cavity volumes over zero pressure, on specimens whose curvature was read.
 
     Parameters
     ----------
     tests : PressureTests
-        What was read.
+        The readings.
     curves : ActuatorCurves, optional
-        What else was read of the same specimens, as the model has it.
+        Curves of the same specimens, as in the model.
     """
 
     name: ClassVar[str] = "volume"
@@ -99,7 +99,7 @@ class CavityVolume(ReadAtPressures):
         length = Uniform(SHORTEST_NOISE * pressure, LONGEST_NOISE * pressure)
         return (
             _PROPORTIONAL,
-            Parameter("volume_noise_floor", floor, "ml", "reading error of volume, constant"),
+            Parameter("volume_noise_floor", floor, "ml", "constant reading error of volume"),
             Parameter("volume_noise_length", length, "kPa", _LENGTH),
         )
 
@@ -110,7 +110,7 @@ class CavityVolume(ReadAtPressures):
 
     @override
     def linked(self, others: tuple[Observations, ...]) -> "CavityVolume | None":
-        """Return it beside the curvatures of a model; None where these are of other tests."""
+        """Return it conditioned on a model's curvatures; None if these are of different tests."""
         curves = next((one.curves for one in others if isinstance(one, Curvature)), self.curves)
         if curves is None or curves is self.curves:
             return self
@@ -145,11 +145,11 @@ class CavityVolume(ReadAtPressures):
         return state.once(draw_readings, self.curves, generator).deviation
 
 
-_LEAST = 1e-6  # ml, so that a law exists where nothing but zeros was read
+_LEAST = 1e-6  # ml, so that a law exists if all readings are zero
 
 
 def _volumes(state: State[FilmsAndActuators], data: CavityVolume) -> Linearised:
-    """Linearise volumes at no deviation of the specimens' ln stiffness."""
+    """Linearise volumes at zero deviation of the specimens' ln stiffness."""
     spread = state.once(parts_of, data.tests).spread
     return _linearised(state, data, np.zeros(spread.shape), spread)
 
@@ -157,7 +157,7 @@ def _volumes(state: State[FilmsAndActuators], data: CavityVolume) -> Linearised:
 def _given(
     state: State[FilmsAndActuators], data: CavityVolume, beside: ActuatorCurves
 ) -> Linearised:
-    """Linearise volumes about the deviations that the curvatures of the same specimens tell of."""
+    """Linearise volumes about the deviations inferred from the curvatures of the same specimens."""
     curves, _ = state.once(linearise_actuators, beside)
     return _linearised(state, data, *learnt_deviations(curves))
 
@@ -165,14 +165,14 @@ def _given(
 def answered_volumes(
     state: State[FilmsAndActuators], tests: PressureTests, deviation: Floats
 ) -> Further | None:
-    """Return what the forward map answers of volumes [ml]; None where it does not know them.
+    """Return volumes from the forward map [ml]; None if it does not predict them.
 
     Parameters
     ----------
     state : State
         Named values, (n,).
     tests : PressureTests
-        What was set.
+        The tests.
     deviation : array, shape (n, n_specimens, 1)
         Of each specimen's ln stiffness.
     """
@@ -186,7 +186,7 @@ def _linearised(
     values = state.values
     found = answered_volumes(state, data.tests, centre[..., None])
     if found is None:
-        raise BayesdegError("the forward map of this model does not answer volumes of cavities")
+        raise BayesdegError("the forward map of this model does not predict cavity volumes")
     shape = (*spread.shape, data.tests.mask.shape[1])
     error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
     mean = np.broadcast_to(found.value + error * found.sd, shape)
@@ -203,7 +203,7 @@ def _linearised(
 
 
 def from_study(study: Study) -> tuple[CavityVolume, ...]:
-    """Return the volumes of a study, if there are any."""
+    """Return the volumes of a study, if any."""
     table = study.actuator
     tests = (
         None

@@ -1,1 +1,1 @@
-"""From what cameras see of a bent actuator to points on its bottom line, in mm, with errors."""
+"""From pictures of a bent actuator to points on its bottom line, in mm, with errors."""

@@ -1,7 +1,7 @@
-"""The bottom line to a fraction of a pixel: the edge of the gel, read on profiles across the line.
+"""Locate the bottom line to a fraction of a pixel: the gel's edge on profiles across the line.
 
-Profiles are sampled along the normals of a rough line. The edge is where the colour, seen from the
-gel, has gone half the way to the brightest difference of what follows, paper or background.
+Profiles are sampled along the normals of a rough line. The edge is where the colour, coming from
+the gel, has changed half way to the brightest difference of what follows, paper or background.
 """
 
 from dataclasses import dataclass
@@ -20,53 +20,53 @@ from bayesdeg.photographs.picture import Colours
 Floats = NDArray[np.float64]
 Values = NDArray[np.float32]
 
-#: Half the length of profiles, as shares of the thickness, in successive passes.
+#: Half lengths of profiles in successive passes, as shares of the thickness.
 REACHES = (0.14, 0.09, 0.07)
-#: The gel's own colour is looked for between these depths, as shares of the thickness; where there
-#: are marks from so many of their diameters inwards.
+#: The gel's own colour is sampled between these depths, as shares of the thickness; with marks,
+#: from this many of their diameters inwards.
 INNER, MARKED = (0.08, 0.3), 1.1
-#: How far a colour is looked for beyond the rough ends, as a share of the thickness.
+#: Search distance for colour beyond the rough ends, as a share of the thickness.
 BEYOND = 0.35
-#: What lies beyond an end differs from the gel by more than this share of what lies below the line
-#: does; else the gel goes on. Of 134 rendered photographs the least was 0.77, and 0.10 the one line
-#: that ended in the middle of the body.
+#: Beyond an end, the difference from the gel must exceed this share of that below the line;
+#: otherwise the gel continues. Among 134 rendered photographs the smallest value was 0.77; the one
+#: line that ended inside the body had 0.10.
 GOES_ON = 0.4
-#: Points along the line.
+#: Number of points along the line.
 POINTS = 86
-#: The stiff ends of an actuator, over which its line is straight: end walls have 3 of 50 mm.
+#: Stiff ends of an actuator, where its line is straight: end walls take 3 of 50 mm.
 STIFF = 0.055
-#: An edge further from its neighbours' than so many of their deviations is not used.
+#: Edges farther from their neighbours than this many deviations are not used.
 OUTLYING = 3.5
-#: Least deviation of edges from their neighbours': a rough line is off by more at kinks [px].
+#: Smallest assumed deviation of neighbouring edges: a rough line is off by more at kinks [px].
 SPREAD = 0.4
-#: Share of a rough line that is left out at both ends, where its corners are.
+#: Share of a rough line omitted at both ends, where its corners are.
 ROUNDED = 0.03
-#: Points from which ends without an edge are continued, straight.
+#: Number of points used to extrapolate ends without an edge, straight.
 STRAIGHT = 6
-#: Contrast of an edge against the noise along the line, below which nothing is read from it.
+#: Least contrast of an edge relative to the noise along the line.
 LEAST_CONTRAST = 4.0
-#: Share of the line on which an edge must be seen.
+#: Least share of the line with a visible edge.
 LEAST_SEEN = 0.6
-#: A line of fewer pixels has hardly one for each point; profiles of fewer hold no whole edge [px].
+#: Least line length, about a pixel per point, and least profile length for a whole edge [px].
 LEAST_LENGTH, LEAST_REACH = 90.0, 1.5
 #: Width of the derivative across the line [px].
 BLUR = 1.0
-#: Weights of lightness and of both axes of colour in an edge: JPEG files and the filters of sensors
-#: hold colour at half the resolution or less, and squares of 16 pixels shift edges of colour.
+#: Weights of lightness and both colour axes in an edge: JPEG files and sensor filters store colour
+#: at half the resolution or less, and blocks of 16 pixels shift colour edges.
 WEIGHTS = np.array([1.0, 0.4, 0.4], dtype=np.float32)
-#: Of the strongest change of colour on a profile, the share from which a change is an edge.
+#: Share of the strongest colour change on a profile from which a change is an edge.
 FIRST = 0.4
-#: What pixels, colour filters and compression leave of an edge's error, however many are read [px].
+#: Error floor of an edge from pixels, colour filters and compression, for any number read [px].
 LEAST_ERROR = 0.04
-#: The edge is known at a mark if it is seen on both sides of it on more than this share of so many
-#: diameters; so many marks tell how marks lie on the edge.
+#: At a mark, the edge is known if it is visible on both sides on more than this share of this many
+#: diameters; this many marks determine how marks lie on the edge.
 FEW, BESIDE, FEWEST_KNOWN = 0.3, 2.0, 4
-#: Of a mark's scatter, what the error of a point on it is: errors of points are grown for what
-#: neighbours have in common, and the scatter of marks has it already.
+#: Share of a mark's scatter used as the error of a point on it: errors of points are inflated for
+#: correlation, which the scatter of marks already includes.
 SHARED = 0.5
-#: Points over which a line with marks is smoothed before it is read again: two marks or three.
+#: Number of points over which a line with marks is smoothed before rereading: two or three marks.
 SMOOTH = 15
-#: Next to the ends the corner is rounded by blur: there no edge is read [px].
+#: Distance from the ends without edge readings, as blur rounds the corner [px].
 CORNER = 3.0
 
 
@@ -81,10 +81,10 @@ class Edge:
     error : array, shape (n,)
         Standard error of each across the line [px].
     seen : array of bool, shape (n,)
-        Where an edge was read; elsewhere the point is between its neighbours.
+        Where an edge was read; other points are interpolated.
     ends : array, shape (2,)
-        How much more what lies beyond the first and the last end differs from what lies below
-        the line: large at a clamp, small where a tip is free [colour units].
+        How much more the surroundings beyond the first and last end differ from those below the
+        line: large at a clamp, small at a free tip [colour units].
     """
 
     points: Floats
@@ -94,16 +94,16 @@ class Edge:
 
 
 def find_edge(image: Colours, body: Silhouette, marks: Marks | None = None) -> Edge:
-    """Return the line of a body that was found roughly.
+    """Refine the line of a roughly located body.
 
-    Where marks hide the edge, points are read from the marks, see `_through_marks`.
+    Where marks hide the edge, points are taken from the marks, see `_through_marks`.
 
     Raises
     ------
     BayesdegError
         If the edge is too faint, or hidden over too much of the line.
     """
-    # an outline is rounded at its corners
+    # outlines are rounded at corners
     rough = len_of(body.line)
     line = _at(body.line, np.linspace(ROUNDED * rough, (1.0 - ROUNDED) * rough, 2 * POINTS))[0]
     edge, goes_on, skin = None, False, INNER[0] * body.thickness
@@ -121,16 +121,15 @@ def find_edge(image: Colours, body: Silhouette, marks: Marks | None = None) -> E
     assert edge is not None
     if goes_on:
         raise BayesdegError(
-            "the gel goes on beyond an end of the line that was found; show the whole line with "
-            "--hint"
+            "the gel continues beyond an end of the line found; show the whole line with --hint"
         )
     return edge
 
 
 def _smooth(line: Floats) -> Floats:
-    """Return a line to hold marks against: without what they made of it, with straight stiff ends.
+    """Return a smooth reference line for marks, without their own effect, with straight stiff ends.
 
-    The last point is beyond what was read, and takes no part.
+    The last point is extrapolated, so it is not used.
     """
     smooth: Floats = savgol_filter(line, SMOOTH, 2, axis=0)
     at = np.arange(int(STIFF * len(line)) + 1)
@@ -141,7 +140,7 @@ def _smooth(line: Floats) -> Floats:
 
 
 def _straight_ends(edge: Edge) -> Floats:
-    """Continue a line straight where no edge was read at its ends, which are stiff."""
+    """Extrapolate a line straight over its stiff ends where no edge was read."""
     points, known = edge.points.copy(), np.flatnonzero(edge.seen)
     last = len(points) - 1
     for end, inner in ((0, known[:STRAIGHT]), (last, known[-STRAIGHT:])):
@@ -154,7 +153,7 @@ def _straight_ends(edge: Edge) -> Floats:
 
 
 def _at(line: Floats, arc: Floats) -> tuple[Floats, Floats]:
-    """Points of a line at some lengths along it, beyond the ends too, and normals off the gel."""
+    """Return points at arc lengths along a line, or beyond its ends, and normals off the gel."""
     known = arc_of(line)
     points = np.column_stack([np.interp(arc, known, axis) for axis in line.T])
     window = max(known[-1] / 40.0, 2.0)
@@ -169,7 +168,7 @@ def _at(line: Floats, arc: Floats) -> tuple[Floats, Floats]:
 
 
 def _sampled(image: Colours, points: Floats, normals: Floats, off: Floats) -> Values:
-    """Colours at distances from points along normals, (n_points, n_off, 3), in CIELAB."""
+    """Return colours at distances from points along normals, (n_points, n_off, 3), in CIELAB."""
     at = (points[:, None] + off[None, :, None] * normals[:, None]).astype(np.float32)
     low = np.maximum(np.floor(at.min(axis=(0, 1))).astype(int) - 2, 0)
     high = np.ceil(at.max(axis=(0, 1))).astype(int) + 3
@@ -187,10 +186,10 @@ def _sampled(image: Colours, points: Floats, normals: Floats, off: Floats) -> Va
 def _to_ends(
     image: Colours, line: Floats, thickness: float, skin: float
 ) -> tuple[Floats, Floats, bool]:
-    """Move both ends of a line to where the gel ends; say how alike it is beyond and below.
+    """Move both ends of a line to where the gel ends; compare the colours beyond and below.
 
-    The gel's colour is that from ``skin`` [px] inwards. The third is whether there is gel beyond an
-    end.
+    The gel's colour is sampled from ``skin`` [px] inwards. The third value says whether there is
+    gel beyond an end.
     """
     length = len_of(line)
     room = BEYOND * thickness
@@ -213,7 +212,7 @@ def _to_ends(
         near = np.abs(arc - (0.0 if order.step == -1 else length)) < room
         at, value = arc[near][order], different[near][order]
         level = 0.5 * (far + np.median(different[middle]))
-        # from inside out, the first that stays above the level
+        # from inside, the first that stays above the level
         above = np.flatnonzero(np.convolve(value > level, np.ones(3), mode="valid") == 3)
         if len(above) == 0 or above[0] == 0:
             found.append(0.0 if order.step == -1 else length)
@@ -233,7 +232,7 @@ def _refuse_small(length: float, thickness: float) -> None:
     if larger > 1.0:
         raise BayesdegError(
             f"the body found is too small to read an edge: {length:.0f} pixels long and "
-            f"{thickness:.0f} thick; move the camera {larger:.2g} times closer, so that its "
+            f"{thickness:.0f} thick; move the camera {larger:.2g} times closer, so that the "
             f"line has {np.ceil(larger * length):.0f} pixels, or show the line with --hint"
         )
 
@@ -260,17 +259,17 @@ def _read(image: Colours, line: Floats, reach: float, marks: Marks | None) -> Ed
 def _through_marks(
     points: Floats, normals: Floats, place: Floats, marks: Marks
 ) -> tuple[Floats, float]:
-    """Return where a line through marks is, within each of them, and the error of that [px].
+    """Return the offset of a line through marks, at each of them, and its error [px].
 
-    Marks need not sit on the edge. Where it is seen on both sides of them, their common distance
-    from it and their scatter are measured: the one is taken off, the other is the error.
+    Marks need not be on the edge. Where the edge is visible on both sides of them, their mean
+    offset and scatter are measured: the offset is subtracted, the scatter is the error.
 
     Parameters
     ----------
     points, normals : array, shape (n, 2)
-        Along a rough line, a pixel apart.
+        On a rough line, one pixel apart.
     place : array, shape (n,)
-        Distance of the edge from them; NaN where it is not seen.
+        Distance of the edge from them; NaN where not visible.
     """
     at = np.argmin(cdist(marks.centres, points), axis=1)
     offset = np.sum((marks.centres - points[at]) * normals[at], axis=1)
@@ -291,7 +290,7 @@ def _through_marks(
 
 
 def _middle(place: Floats) -> float:
-    """Return the median of edges that are seen; NaN if they are few."""
+    """Return the median of visible edges; NaN if there are few."""
     there = place[np.isfinite(place)]
     return float(np.median(there)) if len(there) > FEW * len(place) else np.nan
 
@@ -306,10 +305,10 @@ def _sampled_mask(
 
 
 def _crossings(profiles: Values, off: Floats, reach: float) -> tuple[Floats, Floats]:
-    """Where each profile leaves the gel, and how strong that edge is in its noise.
+    """Return where each profile leaves the gel, and the strength of that edge relative to noise.
 
-    Paper is a few pixels wide and may be followed by a stronger edge, of the background; the first
-    of those that are not faint, from inside, is that of the gel.
+    Paper is a few pixels wide and may be followed by a stronger edge of the background; the gel's
+    is the first from inside that is not faint.
     """
     step = off[1] - off[0]
     at = np.arange(-4, 5) * step / BLUR
@@ -339,15 +338,15 @@ def _crossings(profiles: Values, off: Floats, reach: float) -> tuple[Floats, Flo
 def _averaged(line: Floats, arc: Floats, place: Floats, contrast: Floats, common: Floats) -> Edge:
     """Average the offsets of edges about points along the line.
 
-    ``common`` is an error of neighbours that no average lessens, (n,).
+    ``common`` is an error common to neighbours that averaging does not reduce, (n,).
     """
     length = len_of(line)
     good = np.isfinite(place) & (contrast > LEAST_CONTRAST)
     for _ in range(3):
         if np.sum(good) < LEAST_SEEN * len(arc):
             raise BayesdegError(
-                "the bottom edge is too faint or hidden; light the paper evenly, or put it on a "
-                "plain background of another colour"
+                "the bottom edge is too faint or hidden; light the paper evenly, or use a plain "
+                "background of a different colour"
             )
         expected = _running(arc, place, good, length / 12.0)
         residual = place - expected
@@ -370,7 +369,7 @@ def _averaged(line: Floats, arc: Floats, place: Floats, contrast: Floats, common
             near = good & (np.abs(arc - here) <= length / 8.0)
         slope = np.polyfit(arc[near] - here, place[near], 1) if np.sum(near) > 3 else [0.0, 0.0]
         offsets[i] = slope[1]
-        # neighbouring profiles share pixels and were blurred: about one in four counts
+        # neighbouring profiles share pixels and blur: about one in four is independent
         scatter = (
             np.std(place[near] - np.polyval(slope, arc[near] - here)) if np.sum(near) > 3 else 1.0
         )
@@ -382,7 +381,7 @@ def _averaged(line: Floats, arc: Floats, place: Floats, contrast: Floats, common
 
 
 def _running(arc: Floats, place: Floats, good: NDArray[np.bool_], window: float) -> Floats:
-    """Return a running median of the good ones, interpolated."""
+    """Return an interpolated running median of the good edges."""
     at = np.linspace(arc[0], arc[-1], 40)
     middle = np.array(
         [

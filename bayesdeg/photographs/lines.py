@@ -1,7 +1,7 @@
-"""Lines that a person set in photographs: tables of points, and what ImageJ and Fiji export.
+"""Lines set by hand in photographs: tables of points, and exports of ImageJ and Fiji.
 
-Read are CSV files with columns ``x_px`` and ``y_px``, regions of interest of ImageJ (``.roi``, and
-sets of them, ``.zip``), and the points of curves that Fiji's plugin Kappa exports.
+Supported are CSV files with columns ``x_px`` and ``y_px``, ImageJ regions of interest (``.roi``,
+and sets of them, ``.zip``), and the curve points exported by Fiji's plugin Kappa.
 """
 
 import io
@@ -19,9 +19,9 @@ from bayesdeg.files import OF_DAMAGED_ARCHIVES
 
 Floats = NDArray[np.float64]
 
-#: What a line is of where the file does not say of which photograph.
+#: Name of a line whose file does not name its photograph.
 ANY = ""
-#: A set of ImageJ has some hundred regions of a few kB; a damaged or hostile one may claim more.
+#: An ImageJ set has some hundred regions of a few kB; a damaged or hostile one may claim more.
 MOST_REGIONS, LARGEST_REGION = 5000, 2_000_000
 _COLUMNS = ("x_px", "y_px")
 _LINES = (ROI_TYPE.POLYLINE, ROI_TYPE.FREELINE, ROI_TYPE.LINE, ROI_TYPE.POINT, ROI_TYPE.ANGLE)
@@ -30,20 +30,20 @@ _ROI, _ZIP = b"Iout", b"PK"
 
 
 def parse_lines(name: str, content: bytes) -> dict[str, Floats]:
-    r"""Return lines by the photographs that they are of, each (n, 2) [px].
+    r"""Return lines by photograph, each (n, 2) [px].
 
     Parameters
     ----------
     name : str
-        Of the file, for messages.
+        Name of the file, for messages.
     content : bytes
-        A CSV file with columns ``x_px`` and ``y_px``, and ``file`` where there are several
-        photographs; or a region of interest of ImageJ, or a set of them, named as the photographs.
+        A CSV file with columns ``x_px`` and ``y_px``, and ``file`` for several photographs; or an
+        ImageJ region of interest, or a set of them, named like the photographs.
 
     Raises
     ------
     BayesdegError
-        If there are no such points, or a line is not at least two.
+        If there are no points, or fewer than two on a line.
 
     Examples
     --------
@@ -72,20 +72,20 @@ def _table(name: str, content: bytes) -> pd.DataFrame:
         return pd.read_csv(io.BytesIO(content), comment="#", encoding="utf-8-sig")
     except ValueError as fault:
         raise BayesdegError(
-            f"{name}: it is no table that can be read; give a CSV file, or a ROI of ImageJ"
+            f"{name}: it is not a readable table; give a CSV file, or an ImageJ ROI"
         ) from fault
 
 
 def _regions(name: str, content: bytes) -> dict[str, Floats]:
-    """Return the lines of a set of regions by their names."""
+    """Return the lines of a set of regions by name."""
     found: dict[str, Floats] = {}
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = [one for one in archive.infolist() if one.filename.endswith(".roi")]
             if len(entries) > MOST_REGIONS or any(e.file_size > LARGEST_REGION for e in entries):
                 raise BayesdegError(
-                    f"{name}: it claims more regions, or larger ones, than a set of lines has; "
-                    "save the set again with the lines alone"
+                    f"{name}: it claims too many or too large regions for a set of lines; "
+                    "save the set again with only the lines"
                 )
             for entry in entries:
                 with archive.open(entry) as file:
@@ -96,7 +96,7 @@ def _regions(name: str, content: bytes) -> dict[str, Floats]:
         raise _damaged(name) from fault
     if not found:
         raise BayesdegError(
-            f"{name}: it holds no region of ImageJ; save the lines with ROI Manager"
+            f"{name}: it contains no ImageJ region; save the lines with ROI Manager"
         )
     return found
 
@@ -128,16 +128,16 @@ def _line(place: str, frame: pd.DataFrame) -> Floats:
 
 def _checked(place: str, points: Floats) -> Floats:
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-        raise BayesdegError(f"{place}: it is not two points or more; give x_px and y_px")
+        raise BayesdegError(f"{place}: it has fewer than two points; give x_px and y_px")
     kept = np.concatenate([[True], np.any(np.diff(points, axis=0) != 0.0, axis=1)])
     if kept.sum() < 2:
-        raise BayesdegError(f"{place}: all of its points are at one place; set them along the line")
+        raise BayesdegError(f"{place}: all its points coincide; set them along the line")
     line: Floats = points[kept]
     return line
 
 
 def line_of(lines: Mapping[str, Floats], name: str) -> Floats | None:
-    """Return the line of a photograph, or that of any; None if there is neither.
+    """Return the line of a photograph, or the one for any photograph; None if there is neither.
 
     Examples
     --------

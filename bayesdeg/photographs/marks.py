@@ -1,8 +1,8 @@
-"""Marks that were drawn along the bottom line: where they are, and what they hide.
+"""Marks drawn along the bottom line: their places, and the pixels they hide.
 
-Marks are small round spots of one ink, in a row. They differ from what is left of the photograph
-when a median filter has taken away all that is as small as they are; of those spots, the longest
-row of one ink and one size counts. Then their ink is looked for along the row, pixel by pixel.
+Marks are small round spots of one ink, in a row. They differ from a median-filtered photograph,
+which has lost everything as small as they are; among these spots, the longest row of one ink and
+size counts. Their ink is then searched along the row, pixel by pixel.
 """
 
 from dataclasses import dataclass
@@ -20,37 +20,37 @@ from bayesdeg.photographs.picture import Colours
 Floats = NDArray[np.float64]
 Values = NDArray[np.float32]
 
-#: Marks are looked for on a photograph of this width [px], of these diameters there [px].
+#: Width of the photograph on which marks are searched [px], and their diameters there [px].
 WIDTH, DIAMETERS = 1000, (6.0, 9.0, 13.0)
-#: Spots of one diameter that is looked for are between these shares of it.
+#: Spots count for a diameter between these shares of it.
 SIZES = (0.6, 1.6)
-#: Window of the median filter, in diameters: a spot on an edge is less than half of it.
+#: Window of the median filter, in diameters: a spot on an edge fills less than half of it.
 WINDOW = 2.6
-#: Spots differ by so much from what surrounds them, in CIELAB.
+#: Least difference of spots from their surroundings, in CIELAB.
 SPOT = 14.0
-#: Lines thinner than this share of a diameter, such as paper, are no spots.
+#: Lines thinner than this share of a diameter, such as paper, are not spots.
 THIN = 0.45
-#: Least share of the circle about it that a spot fills: squares fill 0.64, discs of few pixels 0.8.
+#: Least share of its circumscribed circle that a spot fills: squares 0.64, small discs 0.8.
 ROUND = 0.7
-#: Spots of one ink differ by less in colour; an ink that fewer have is not looked for.
+#: Largest colour difference of spots of one ink, and fewest spots of an ink.
 ONE_INK, SEVERAL = 16.0, 2
-#: Inks of which marks are looked for.
+#: Maximum number of inks searched.
 INKS = 4
-#: Fewest marks of a row; they turn by less from one to the next [deg], and are not farther apart
-#: than so many times the middle distance.
+#: Fewest marks of a row, largest turn between them [deg], and largest gap as a multiple of the
+#: median distance.
 FEWEST, MOST_TURN, FAR = 6, 50.0, 2.5
-MOST = 200  # spots of one ink: where there are more they are a pattern, such as a fabric's
-#: Beside the row marks are looked for within so many diameters, and beyond its ends within twice
-#: as many, or so many of its steps.
+MOST = 200  # spots of one ink: more are a pattern, such as a fabric
+#: Marks are searched within this many diameters beside the row, and beyond its ends within twice as
+#: many, or this many of its steps.
 BESIDE, NEXT = 1.5, 1.3
-#: Points of a line from its end to which its direction there is taken, and the reach of what lies
-#: beyond an end, in diameters.
+#: Number of points that define the direction of a line at its end, and reach of the area beyond an
+#: end, in diameters.
 END_POINTS, END_REACH = 4, 5.0
-END_BLUR = 1.5  # px, by which what is beyond an end reaches in
-BLUR = 0.8  # px: noise of the sensor is no ink
-#: A pixel has the marks' ink if it is nearer to it than this share of what they stand out by.
+END_BLUR = 1.5  # px, by which surroundings beyond an end reach in
+BLUR = 0.8  # px: suppresses sensor noise
+#: A pixel is ink if its difference from the ink is below this share of the marks' contrast.
 IS_INK = 0.5
-#: Blur and the ink's rim hide more than the ink, by a share of a diameter and by pixels.
+#: Extra margin hidden by blur and the ink's rim, as a share of a diameter and in pixels.
 RIM, RIM_PX = 0.2, 2.0
 
 
@@ -61,13 +61,13 @@ class Marks:
     Parameters
     ----------
     centres : array, shape (k, 2)
-        In the order of the row, which runs either way [px].
+        In row order, in either direction [px].
     diameter : float
-        Of a mark [px].
+        Diameter of a mark [px].
     hidden : array of bool, shape (rows, columns)
-        Pixels of the photograph that marks and their rims hide.
+        Pixels hidden by marks and their rims.
     ink : array of bool, shape (rows, columns)
-        Pixels along the row that have the marks' colour: of marks, and of a clamp of that colour.
+        Pixels along the row in the marks' colour: marks, or a clamp of that colour.
     """
 
     centres: Floats
@@ -76,7 +76,7 @@ class Marks:
     ink: NDArray[np.bool_]
 
     def without(self, small: Colours) -> Colours:
-        """Return a reduced photograph with the nearest colours beside the marks in place of them.
+        """Return a reduced photograph with marks replaced by the nearest colours around them.
 
         Parameters
         ----------
@@ -90,14 +90,14 @@ class Marks:
         return np.asarray(small[nearest[0], nearest[1]])
 
     def within(self, line: Floats) -> "Marks":
-        """Return the marks where the ends of the line are known: what lies beyond is no ink.
+        """Return the marks within known ends of the line: pixels beyond are not ink.
 
-        A mark that touches a clamp of its own colour is a round spot without the clamp.
+        This separates a mark from a clamp of the same colour that it touches.
 
         Parameters
         ----------
         line : array, shape (n, 2)
-            From end to end [px].
+            The line, from end to end [px].
         """
         rows, columns = np.nonzero(self.ink)
         at, alone = np.column_stack([columns, rows]), np.ones(len(rows), dtype=bool)
@@ -111,7 +111,7 @@ class Marks:
 
 
 def find_marks(image: Colours) -> Marks | None:
-    """Return the marks of a photograph; None if there is no row of them.
+    """Find the marks of a photograph; None if there is no row of them.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def find_marks(image: Colours) -> Marks | None:
 
 
 def _continued(image: Colours, marks: Marks) -> Marks:
-    """Return a row with the marks beyond its ends that were not seen in the reduced photograph."""
+    """Extend a row by marks beyond its ends that the reduced photograph does not show."""
     while True:
         longer = _refined(image, marks.centres, marks.diameter)
         if longer is None or len(longer.centres) <= len(marks.centres):
@@ -153,7 +153,7 @@ def _lab(image: Colours) -> Values:
 
 
 def _spots(small: Colours, colours: Values, diameter: float) -> Floats:
-    """Return centre, diameter, colour, and what is around it, of spots of a diameter, (k, 9)."""
+    """Return centre, diameter, colour and surrounding colour of spots of a diameter, (k, 9)."""
     around = _lab(cv2.medianBlur(small, int(WINDOW * diameter) | 1))
     differs = np.linalg.norm(colours - around, axis=2) > SPOT
     thick = max(3, int(THIN * diameter) | 1)
@@ -169,7 +169,7 @@ def _round_ones(
 ) -> Floats:
     """Return centre, diameter and colour of the round parts of a mask between two diameters.
 
-    Colours are 0 where none are given.
+    Colours are 0 if none are given.
     """
     count, labels, parts, centres = cv2.connectedComponentsWithStats(mask)
     found = []
@@ -189,7 +189,7 @@ def _round_ones(
 
 
 def _inks(spots: Floats) -> list[tuple[Values, float]]:
-    """Return colours that several spots have, the most frequent first, and by what they differ."""
+    """Return colours shared by several spots, the most frequent first, and their contrast."""
     left, found = spots[:MOST, 3:], list[tuple[int, Values, float]]()
     while len(left):
         near = cdist(left[:, :3], left[:, :3]) < ONE_INK
@@ -203,16 +203,16 @@ def _inks(spots: Floats) -> list[tuple[Values, float]]:
 
 
 def _of_ink(colours: Values, ink: Values, stands_out: float, diameter: float) -> Floats:
-    """Return the round spots of about a diameter that have an ink's colour, (k, 6).
+    """Return the round spots of about a diameter in an ink's colour, (k, 6).
 
-    Of marks on an edge some touch what else is small, such as paper, and are no round spots alone.
+    Marks on an edge may touch other small features, such as paper, and only appear round by ink.
     """
     mask = np.linalg.norm(colours - ink, axis=2) < IS_INK * stands_out
     return _round_ones(mask.astype(np.uint8), colours, SIZES[0] * diameter, SIZES[1] * diameter)
 
 
 def _longest_path(spots: Floats) -> Floats:
-    """Return the spots on the longest path of the tree that joins them by the shortest ways."""
+    """Return the spots on the longest path of their minimum spanning tree."""
     if not FEWEST <= len(spots) <= MOST:
         return spots[:0]
     apart = cdist(spots[:, :2], spots[:, :2])
@@ -234,13 +234,13 @@ def _unbroken(row: Floats) -> Floats:
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     turns = np.abs(np.degrees(np.diff(heading))) > MOST_TURN
     wide = size > FAR * np.median(size)
-    # at a turn the row ends on its corner; over a gap it ends before it
+    # at a turn the row ends on the corner; at a gap it ends before it
     cuts = sorted({0, *(np.flatnonzero(turns) + 1), *(np.flatnonzero(wide) + 1), len(row)})
     return max((row[a:b] for a, b in pairwise(cuts)), key=len)
 
 
 def _refined(image: Colours, centres: Floats, diameter: float) -> Marks | None:
-    """Return marks from the pixels of their ink along a row that was found roughly."""
+    """Return marks from their ink pixels along a roughly located row."""
     low, corridor = _corridor(image, centres, BESIDE * diameter)
     part = image[low[1] : low[1] + len(corridor), low[0] : low[0] + corridor.shape[1]]
     colours = _lab(cv2.GaussianBlur(part, (0, 0), BLUR))
@@ -254,7 +254,7 @@ def _refined(image: Colours, centres: Floats, diameter: float) -> Marks | None:
 
 
 def _marked(ink: NDArray[np.bool_], diameter: float) -> Marks | None:
-    """Return the row of marks that ink makes; None if it makes none."""
+    """Return the row of marks formed by ink pixels; None if there is none."""
     rows, columns = (np.flatnonzero(ink.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return None
@@ -273,7 +273,7 @@ def _marked(ink: NDArray[np.bool_], diameter: float) -> Marks | None:
 def _corridor(
     image: Colours, centres: Floats, reach: float
 ) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return what is within a distance of a row, continued at its ends, and its corner [px]."""
+    """Return a mask within a distance of a row, extended at its ends, and its corner [px]."""
     ahead = np.array([centres[0] - centres[1], centres[-1] - centres[-2]])
     steps = np.hypot(*np.diff(centres, axis=0).T)
     ahead *= max(2.0 * reach, NEXT * float(np.median(steps))) / np.hypot(*ahead.T)[:, None]

@@ -1,7 +1,7 @@
-"""Where the bottom line of an actuator is in a photograph: roughly by its outline, then by edges.
+"""Locate the bottom line of an actuator in a photograph roughly, by its outline.
 
-The side view of a chambered actuator is a comb. Its bottom is the one long stretch of the outline
-without a corner; this finds it for any colour, and tells it from the toothed side.
+The side view of a chambered actuator is a comb. Its bottom is the only long stretch of the outline
+without a corner; this finds it in any colour, and distinguishes it from the toothed side.
 """
 
 from collections.abc import Iterator
@@ -17,37 +17,39 @@ from bayesdeg.photographs.picture import Colours
 
 Floats = NDArray[np.float64]
 
-#: The outline is looked for on a photograph of this width [px].
+#: Width of the photograph on which the outline is searched [px].
 WIDTH = 1000
-#: Colours that a photograph is divided into: gel, shaded gel, background, clamp, target, objects.
+#: Numbers of colours into which a photograph is divided: gel, shaded gel, background, clamp,
+#: target, objects.
 COLOURS = 9
-#: Points of an outline on which corners are looked for.
+#: Number of points of an outline on which corners are searched.
 OUTLINE_POINTS = 500
 #: Half the window of a corner, as a share of the outline: 1.3 mm of 140 mm.
 CORNER_WINDOW = 5
-#: An outline that turns by more within the window has a corner there [deg].
+#: Turn within the window that counts as a corner [deg].
 CORNER = 38.0
-#: The bottom is longer than any other stretch by this factor; a body without teeth has two alike.
+#: The bottom is longer than any other stretch by this factor; without teeth two are equal.
 DISTINCT = 1.8
-#: Length² over area: 5.5 of the default actuator; a disc has 12 but is no comb, a rod has 20.
+#: Length² over area: 5.5 of the default actuator; a disc has 12 but is not a comb, a rod has 20.
 SLENDER = (2.5, 16.0)
 #: Share of a photograph that an actuator fills.
 FILLED = (0.003, 0.4)
-#: Of an actuator 0.83 … 0.90 of its room is filled, the rest are slots, bent or not; with its clamp
-#: 0.68. Found on rendered photographs other than those of the published benchmark.
+#: An actuator fills 0.83 … 0.90 of its convex room, bent or not; the rest are slots. With its clamp
+#: 0.68. Tuned on rendered photographs other than those of the published benchmark.
 SLOTTED = (0.8, 0.93)
-#: Outlines of one body in several colours differ by less, as a share of thickness and length.
+#: Largest difference of one body's outlines in several divisions, as shares of thickness and
+#: length.
 ALIKE = 0.1
-#: A second actuator has at least this share of the first one's size, and of its colour divisions:
-#: smaller things are clutter, and a ruler has teeth in few of the divisions.
+#: A second actuator has at least this share of the first one's size and of its colour divisions:
+#: smaller things are clutter, and a ruler shows teeth in few divisions.
 SECOND = 0.5
-#: Points of a hint are within this share of its length of the line.
+#: Largest distance of a hint from the line, as a share of its length.
 HINT_REACH = 0.06
 
 
 @dataclass(frozen=True)
 class Silhouette:
-    """An actuator as it was found.
+    """A located actuator.
 
     Parameters
     ----------
@@ -56,9 +58,9 @@ class Silhouette:
     thickness : float
         Area over length [px].
     filled : float
-        Area over that of the convex hull less what is between the line and its chord.
+        Area over that of the convex hull, minus the area between the line and its chord.
     outline : array, shape (m, 2), optional
-        All around it [px].
+        Its whole outline [px].
     """
 
     line: Floats
@@ -68,7 +70,7 @@ class Silhouette:
 
 
 def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = None) -> Silhouette:
-    """Return the actuator of a photograph.
+    """Find the actuator in a photograph.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = 
     hint : array, shape (k, 2), optional
         Points near the bottom line, from end to end [px].
     marks : Marks, optional
-        Marks that would break the outline.
+        Marks, which would break the outline.
 
     Raises
     ------
@@ -86,7 +88,7 @@ def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = 
     """
     factor = WIDTH / image.shape[1]
     small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    if marks is not None:  # they say where the line is as a hint does
+    if marks is not None:  # they locate the line like a hint
         small, hint = marks.without(small), marks.centres if hint is None else hint
     outlines = list(_outlines(_clustered(small)))
     found = _with_slots(
@@ -94,45 +96,45 @@ def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = 
     )
     if hint is not None:
         along = [body for body in found if _follows(body, hint)]
-        # a comb shows on which side of its line the gel is; any other outline does not
+        # only a comb shows on which side of its line the gel is
         return _one_sided(_agreed(along), along) if along else _nearest_to(outlines, hint, factor)
     if not found:
         raise BayesdegError(
-            "no actuator is found: nothing has one long smooth side and a toothed one; show where "
-            "its bottom line is with --hint, or with a points file"
+            "no actuator is found: nothing has one long smooth side and one toothed side; show its "
+            "bottom line with --hint, or with a points file"
         )
     best = _agreed(found)
     enough = SECOND * _votes(best, found)
     if any(_is_second(other, best) and _votes(other, found) >= enough for other in found):
         raise BayesdegError(
-            "two actuators are found; cut the photograph to one, or show the line with --hint"
+            "two actuators are found; crop the photograph to one, or show the line with --hint"
         )
     return _one_sided(best, found)
 
 
 def _one_sided(best: Silhouette, found: list[Silhouette]) -> Silhouette:
-    """Return the body, unless as good a one lies on the other side of its line, as of a grid."""
+    """Return the body; refuse if an equally good one lies across its line, as in a grid."""
     across = [other for other in found if _is_across(other, best)]
     if across and max(_votes(one, found) for one in across) >= SECOND * _votes(best, found):
         raise BayesdegError(
-            "on both sides of the line something looks like an actuator, such as lines of a mat; "
-            "put the actuator on a plain background, or give the line itself with --line"
+            "something on both sides of the line looks like an actuator, such as lines of a mat; "
+            "use a plain background, or give the line itself with --line"
         )
     return best
 
 
 def _with_slots(found: list[Silhouette]) -> list[Silhouette]:
-    """Return those that are filled as an actuator is, whose slots are open to one side.
+    """Return bodies filled like an actuator, whose slots are open to one side.
 
-    Cards and rulers are filled more, bodies that are part of something or more than one thing less.
-    Where there are none such, those that have slots at all are returned: marks break an outline.
+    Cards and rulers are filled more; parts of something, or several things, are filled less. If
+    there are none, return those with any slots: marks break an outline.
     """
     alone = [one for one in found if SLOTTED[0] < one.filled < SLOTTED[1]]
     return alone or [one for one in found if one.filled < SLOTTED[1]]
 
 
 def _agreed(found: list[Silhouette]) -> Silhouette:
-    """Return the body that most divisions into colours agree on; of equals, the larger."""
+    """Return the body on which most colour divisions agree; if tied, the larger."""
     return max(found, key=lambda one: (_votes(one, found), len_of(one.line) * one.thickness))
 
 
@@ -149,7 +151,7 @@ def _alike(one: Silhouette, other: Silhouette) -> bool:
 
 
 def _is_second(other: Silhouette, best: Silhouette) -> bool:
-    """Whether a body is another actuator, neither part of the first nor a small object."""
+    """Whether a body is a second actuator, neither part of the first nor a small object."""
     return (
         _apart(other, best) > 1.5 * best.thickness
         and other.thickness > SECOND * best.thickness
@@ -158,16 +160,16 @@ def _is_second(other: Silhouette, best: Silhouette) -> bool:
 
 
 def _is_across(other: Silhouette, best: Silhouette) -> bool:
-    """Whether a body shares the line of another, and is on its other side."""
+    """Whether a body shares the line of another, on its opposite side."""
     opposite = (other.line[-1] - other.line[0]) @ (best.line[-1] - best.line[0]) < 0.0
     return bool(opposite) and _apart(other, best) < ALIKE * best.thickness
 
 
 def _follows(body: Silhouette, hint: Floats) -> bool:
-    """Whether a body's line is along a hint, and no longer than it by much."""
+    """Whether a body's line follows a hint and is not much longer."""
     reach = HINT_REACH * len_of(hint)
     apart = np.hypot(*(_dense(hint)[:, None] - body.line[None]).transpose(2, 0, 1))
-    # ends of a hint may lie beyond those of the line
+    # a hint's ends may lie beyond those of the line
     ways = (float(np.quantile(apart.min(axis=axis), 0.9)) for axis in (0, 1))
     return max(ways) < reach
 
@@ -180,7 +182,7 @@ def _dense(hint: Floats) -> Floats:
 
 
 def _apart(one: Silhouette, other: Silhouette) -> float:
-    """Distance of the middle of a line from another [px]."""
+    """Return the distance of the middle of a line from another [px]."""
     middle = one.line[len(one.line) // 2]
     return float(np.min(np.hypot(*(middle - other.line).T)))
 
@@ -208,14 +210,14 @@ def len_of(line: Floats) -> float:
 
 
 def _clustered(small: Colours) -> NDArray[np.int32]:
-    """Divide a photograph into a few colours, started from those farthest apart."""
+    """Divide a photograph into a few colours, starting from those farthest apart."""
     lab = cv2.cvtColor(cv2.medianBlur(small, 5), cv2.COLOR_BGR2LAB).astype(np.float32)
-    lab[..., 0] *= 0.5  # light varies over one and the same thing
+    lab[..., 0] *= 0.5  # illumination varies over one object
     coarse = lab[::6, ::6].reshape(-1, 3)
     centres = [np.median(coarse, axis=0)]
     distance = np.linalg.norm(coarse - centres[0], axis=1)
     for _ in range(COLOURS - 1):
-        # of the farthest hundredth the middle one: a single pixel is no colour
+        # the median of the farthest 1 %: a single pixel is not a colour
         order = np.argsort(distance)[-max(3, len(distance) // 200) :]
         centres.append(coarse[order[len(order) // 2]])
         distance = np.minimum(distance, np.linalg.norm(coarse - centres[-1], axis=1))
@@ -238,7 +240,7 @@ def _closest(points: NDArray[np.float32], centres: NDArray[np.float32]) -> NDArr
 
 
 def _outlines(labels: NDArray[np.int32]) -> Iterator[Floats]:
-    """Yield outlines of what has one colour, or two, and a plausible size [px of the small one]."""
+    """Yield outlines of regions of one or two colours and plausible size [reduced px]."""
     kernel = np.ones((3, 3), dtype=np.uint8)
     count = int(labels.max()) + 1
     for first in range(count):
@@ -252,7 +254,7 @@ def _outlines(labels: NDArray[np.int32]) -> Iterator[Floats]:
                 inside = np.all(low > 1) and np.all(high < np.array(labels.shape[::-1]) - 2)
                 if inside and FILLED[0] < area / labels.size < FILLED[1]:
                     outline = contour[:, 0].astype(np.float64)
-                    # gel on the left, seen along the line
+                    # gel on the left along the line
                     yield outline if cv2.contourArea(contour, oriented=True) > 0 else outline[::-1]
 
 
@@ -294,21 +296,21 @@ def _comb_body(outline: Floats, factor: float) -> Silhouette | None:
     if size < DISTINCT * gaps[order[-2]] or not SLENDER[0] < slender < SLENDER[1]:
         return None
     if np.hypot(*(line[-1] - line[0])) < 0.3 * len_of(line):
-        return None  # round things with a notch
+        return None  # round objects with a notch
     thickness = area / len_of(line) / factor
     around, placed = (points + 0.5) / factor - 0.5, (_smoothed(line) + 0.5) / factor - 0.5
     return Silhouette(placed, thickness, area / max(room, 1.0), around)
 
 
 def _nearest_to(outlines: list[Floats], hint: Floats, factor: float) -> Silhouette:
-    """Return the body along whose outline the hint goes."""
+    """Return the body whose outline the hint follows."""
     hint = (hint + 0.5) * factor - 0.5
     dense = _dense(hint)
     best, least = None, HINT_REACH * len_of(hint)
     for outline in outlines:
         points = _evenly(outline, OUTLINE_POINTS)
         apart = np.hypot(*(dense[:, None] - points[None]).transpose(2, 0, 1))
-        # ends of a hint may lie beyond those of the line
+        # a hint's ends may lie beyond those of the line
         off = float(np.quantile(apart.min(axis=1), 0.9))
         if off < least:
             first, last = (int(np.argmin(apart[i])) for i in (0, -1))
@@ -325,14 +327,14 @@ def _nearest_to(outlines: list[Floats], hint: Floats, factor: float) -> Silhouet
                 best, least = body, off
     if best is None:
         raise BayesdegError(
-            "the hint does not run along the edge of anything; give points of the bottom line, in "
+            "the hint does not follow any edge; give points of the bottom line, in "
             "pixels, from end to end"
         )
     return best
 
 
 def _smoothed(line: Floats) -> Floats:
-    """Smooth steps of pixels; ends are continued as straight."""
+    """Smooth pixel steps; ends are extrapolated straight."""
     reach = 6
     before = 2.0 * line[0] - line[reach:0:-1]
     after = 2.0 * line[-1] - line[-2 : -reach - 2 : -1]

@@ -1,4 +1,4 @@
-"""Where a pixel is in the plane of the actuator's side: from a checkerboard, a ruler, a length."""
+"""Map pixels to the plane of the actuator's side, by a checkerboard, a ruler or a length."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from bayesdeg.photographs.picture import Colours
 
 Floats = NDArray[np.float64]
 
-#: Longer side of the photograph on which a checkerboard is looked for [px], before refinement, and
-#: how: each finds a part of some boards alone.
+#: Longer side of the photograph on which a checkerboard is searched [px], before refinement, and
+#: the methods: each alone finds only some boards.
 SEARCHES = (
     (1000, 0),
     (1000, cv2.CALIB_CB_NORMALIZE_IMAGE),
@@ -22,33 +22,33 @@ SEARCHES = (
     (700, cv2.CALIB_CB_NORMALIZE_IMAGE),
     (1400, cv2.CALIB_CB_NORMALIZE_IMAGE),
 )
-#: Corners of a board are no further from a plane lattice, as a share of a square: lenses bend by
-#: less, and a corner that was taken for another is off by much more.
+#: Largest distance of a board's corners from a plane lattice, as a share of a square: lens
+#: distortion is smaller, and a mistaken corner is off by much more.
 OFF_LATTICE = 0.06
-#: Inner corners along both sides from which a board is grown.
+#: Inner corners along both sides of the initial board.
 LEAST_CORNERS = (3, 3)
-#: A camera held square to a plane by eye is off by about this much about each axis [deg].
+#: Tilt of a camera aligned by eye, about each axis [deg].
 TILT_BY_EYE = 1.5
-#: Distance of the camera over the width of what it sees: phones and cameras have 0.7 … 4 here.
+#: Camera distance over the width of its view: phones and cameras have 0.7 … 4 here.
 DISTANCE = 3.0
-#: Corners are found to no better than this, whatever they scatter by [px].
+#: Error floor of corners, whatever their scatter [px].
 LEAST_CORNER_ERROR = 0.05
 SAMPLES = 60
-"""Planes drawn by the error of a target, from which errors of readings follow."""
+"""Number of planes drawn from the error of a target, to propagate it to readings."""
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A map from pixels to the plane [mm], y upwards, with other maps that its error allows.
+    """A map from pixels to the plane [mm], y upwards, with samples of its error.
 
     Parameters
     ----------
     homography : array, shape (3, 3)
         Pixels to mm.
     samples : array, shape (n, 3, 3)
-        Draws of the homography by the error of the target.
+        Draws of the homography from the error of the target.
     source : str
-        What the scale is from.
+        Source of the scale.
     target : array, shape (k, 2)
         Points of the target in the photograph, for the overlay [px].
     """
@@ -59,7 +59,7 @@ class Plane:
     target: Floats
 
     def placed(self, points: Floats) -> Floats:
-        """Return points of the photograph in the plane, (n, 2) [mm]."""
+        """Map points of the photograph to the plane, (n, 2) [mm]."""
         return mapped(self.homography, points)
 
 
@@ -85,7 +85,7 @@ def grid_plane(image: Colours, square: float, rng: np.random.Generator) -> Plane
     square : float
         Side of a square [mm].
     rng : Generator
-        Draws the planes that the scatter of the corners allows.
+        Draws planes from the scatter of the corners.
 
     Raises
     ------
@@ -99,12 +99,12 @@ def grid_plane(image: Colours, square: float, rng: np.random.Generator) -> Plane
         if found is None:
             continue
         if best is not None and len(found[0]) == len(best[0]):
-            break  # twice the same size: it is the whole board
+            break  # same size twice: this is the whole board
         if best is None or len(found[0]) > len(best[0]):
             best = found
     if best is None:
         raise BayesdegError(
-            "no checkerboard is found; show one whole and unobstructed, beside the actuator, or "
+            "no checkerboard is found; show one whole and unobstructed, next to the actuator, or "
             "give --length"
         )
     at, lattice = best
@@ -112,10 +112,10 @@ def grid_plane(image: Colours, square: float, rng: np.random.Generator) -> Plane
 
 
 def _board(grey: NDArray[np.uint8], width: int, flags: int) -> tuple[Floats, Floats] | None:
-    """Return corners [px] and their places in the board [squares]; None if none are sound.
+    """Return corners [px] and their places in the board [squares]; None if none are valid.
 
-    What is found may be a part of the board, and a corner may be at another than its place: then
-    the corners are not those of a plane lattice.
+    The detection may cover only part of the board, or misplace a corner: then the corners do not
+    form a plane lattice.
     """
     factor = min(1.0, width / max(grey.shape))
     small = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
@@ -158,7 +158,7 @@ def _upright(at: Floats, lattice: Floats) -> Floats:
 def _fitted(at: Floats, lattice: Floats, rng: np.random.Generator) -> Plane:
     homography, _ = cv2.findHomography(lattice, at, 0)
     residual = at - mapped(homography, lattice)
-    # eight parameters are fitted
+    # eight fitted parameters
     scatter = np.sqrt(np.sum(residual**2) / max(residual.size - 8, 1))
     error = max(float(scatter), LEAST_CORNER_ERROR)
     draws = [
@@ -177,20 +177,20 @@ def square_on(
     rng: np.random.Generator,
     target: Floats | None = None,
 ) -> Plane:
-    """Return the plane of a photograph without a plane target, taken for seen square on.
+    """Return the plane of a photograph without a plane target, assuming a perpendicular view.
 
-    Tilts of ``TILT_BY_EYE`` degrees about both axes are part of its error.
+    Its error includes tilts of ``TILT_BY_EYE`` degrees about both axes.
 
     Parameters
     ----------
     image : array of uint8
         The photograph.
     scale : float
-        Of the plane [mm/px].
+        Scale of the plane [mm/px].
     relative_error : float
         Standard error of the scale over the scale.
     source : str
-        What the scale is from.
+        Source of the scale.
     rng : Generator
         Draws tilts and scales.
     target : array, optional
@@ -219,12 +219,12 @@ def _tilted(tilt: Floats, far: float) -> Floats:
 
 
 def rescaled(plane: Plane, make: Callable[[Floats], float]) -> Plane:
-    """Scale every draw of a plane such that a length read in it is what is known of it.
+    """Scale every draw of a plane so that a length read in it has its known value.
 
     Parameters
     ----------
     plane : Plane
-        Of any scale.
+        Plane of any scale.
     make : callable
         Takes a homography, returns the factor for it.
     """
@@ -237,24 +237,24 @@ def rescaled(plane: Plane, make: Callable[[Floats], float]) -> Plane:
     return Plane(scaled(plane.homography), samples, plane.source, plane.target)
 
 
-#: Ticks that make a ruler: fewer are found on anything with a pattern.
+#: Fewest ticks of a ruler: fewer are found on any pattern.
 LEAST_TICKS = 15
 
 
 def ruler_plane(image: Colours, tick: float, rng: np.random.Generator) -> Plane:
-    """Return the plane of a photograph with a ruler in it, seen square on.
+    """Return the plane of a perpendicular photograph with a ruler.
 
-    Dark thin strokes, parallel, alike and in equal steps, are its ticks; their spacing is the scale
-    along the ruler.
+    Its ticks are dark thin strokes, parallel, similar and equally spaced; their spacing gives the
+    scale along the ruler.
 
     Parameters
     ----------
     image : array of uint8
         The photograph.
     tick : float
-        From tick to tick [mm].
+        Tick spacing [mm].
     rng : Generator
-        Draws what the error allows.
+        Draws planes from the error.
 
     Raises
     ------
@@ -265,14 +265,14 @@ def ruler_plane(image: Colours, tick: float, rng: np.random.Generator) -> Plane:
     best = _longest_comb(strokes)
     if best is None:
         raise BayesdegError(
-            "no ruler is found; show one in focus beside the actuator, or give --length"
+            "no ruler is found; show one in focus next to the actuator, or give --length"
         )
     at, step, error = best
     return square_on(image, tick / step, error / step, source="ruler", rng=rng, target=at)
 
 
 def _strokes(grey: NDArray[np.uint8]) -> Floats:
-    """Centre, direction and length of thin dark strokes: columns x, y, angle, length."""
+    """Return centre, direction and length of thin dark strokes: columns x, y, angle, length."""
     size = 2 * (max(grey.shape) // 160) + 1
     dark = cv2.adaptiveThreshold(
         grey, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, size, 25
@@ -304,7 +304,7 @@ def _longest_comb(strokes: Floats) -> tuple[Floats, float, float] | None:
 
 
 def _comb(group: Floats) -> tuple[Floats, float, float] | None:
-    """Fit equal steps to parallel strokes that lie side by side."""
+    """Fit equal steps to parallel strokes side by side."""
     doubled = np.exp(2j * group[:, 2])
     turn = float(np.angle(np.sum(doubled))) / 2.0
     across = np.array([-np.sin(turn), np.cos(turn)])

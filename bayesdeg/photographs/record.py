@@ -1,4 +1,4 @@
-"""What was traced in a photograph as a record and as rows of tables."""
+"""Traced photographs as records and as rows of tables."""
 
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
@@ -14,7 +14,7 @@ from bayesdeg.photographs.trace import BY_HAND, Trace, angle_and_length, into_fr
 
 Floats = NDArray[np.float64]
 
-#: Of the length of a line, by which a point is moved to see what it changes.
+#: Displacement of a point for derivatives, over the length of the line.
 STEP = 1e-5
 
 
@@ -30,18 +30,18 @@ def hash_of(content: bytes) -> str:
 
 
 def recorded(name: str, content: bytes, image: Colours, found: Trace) -> TracedPhotograph:
-    """Return the record of what was traced.
+    """Return the record of a trace.
 
     Parameters
     ----------
     name : str
-        Of the photograph.
+        Name of the photograph.
     content : bytes
-        Of its file.
+        Content of its file.
     image : array of uint8
         The photograph, upright.
     found : Trace
-        What was read of it.
+        The trace.
     """
     return TracedPhotograph(
         file=name,
@@ -65,17 +65,17 @@ def recorded(name: str, content: bytes, image: Colours, found: Trace) -> TracedP
 
 
 def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
-    """Return a photograph whose points a person has moved.
+    """Return a photograph with points moved by a person.
 
-    Moved points become mm by the homography that the tracing used, turned such that x is along the
-    clamped end of the new line. Their error is that of a hand.
+    Moved points are converted to mm by the homography of the tracing, rotated so that x is along
+    the clamped end of the new line. They have the error of manual points.
 
     Parameters
     ----------
     photograph : TracedPhotograph
-        As it was traced.
+        The traced photograph.
     pixels : array, shape (n, 2)
-        As many points, from the clamp [px].
+        The same number of points, from the clamp [px].
 
     Examples
     --------
@@ -120,7 +120,7 @@ def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
 
 
 def _angle_error(points: Floats, errors: Floats) -> float:
-    """Return the standard error of the bend angle that errors of points give [rad]."""
+    """Return the standard error of the bend angle due to errors of points [rad]."""
     angle, length = angle_and_length(points)
     step = STEP * length
     found = 0.0
@@ -133,7 +133,7 @@ def _angle_error(points: Floats, errors: Floats) -> float:
 
 
 def _per_pixel(to_mm: Floats, pixels: Floats) -> Floats:
-    """Return the size of a pixel about points [mm]."""
+    """Return the size of a pixel at points [mm]."""
     here = mapped(to_mm, pixels)
     beside, above = (mapped(to_mm, pixels + step) - here for step in ([1.0, 0.0], [0.0, 1.0]))
     size: Floats = np.sqrt(0.5 * (np.sum(beside**2, axis=1) + np.sum(above**2, axis=1)))
@@ -150,9 +150,9 @@ def marker_rows(photograph: TracedPhotograph, about: Mapping[str, object]) -> pd
     Parameters
     ----------
     photograph : TracedPhotograph
-        Traced.
+        A traced photograph.
     about : mapping
-        Other columns, the same for all points.
+        Other columns, common to all points.
     """
     points, errors = np.array(photograph.points), np.array(photograph.errors)
     return pd.DataFrame(
@@ -168,7 +168,7 @@ def marker_rows(photograph: TracedPhotograph, about: Mapping[str, object]) -> pd
 
 
 def pixel_rows(photograph: TracedPhotograph) -> pd.DataFrame:
-    """Return the points of a photograph in pixels, to be corrected."""
+    """Return the points of a photograph in pixels, for correction."""
     pixels = np.array(photograph.pixels)
     return pd.DataFrame(
         {
@@ -181,7 +181,7 @@ def pixel_rows(photograph: TracedPhotograph) -> pd.DataFrame:
 
 
 def trace_rows(photographs: Sequence[TracedPhotograph]) -> pd.DataFrame:
-    """Return a row a photograph: what was read of it, or why nothing was."""
+    """Return one row per photograph: its readings, or why there are none."""
     read = (
         *("bend_angle_deg", "bend_angle_error_deg", "bent_ends"),
         *("curvature_per_m", "curvature_error_per_m", "length_mm"),
@@ -201,7 +201,7 @@ def trace_rows(photographs: Sequence[TracedPhotograph]) -> pd.DataFrame:
 
 
 def tables_of(photographs: Sequence[TracedPhotograph]) -> dict[str, pd.DataFrame]:
-    """Return what is written of traced photographs: tables by their files; none if none is."""
+    """Return tables of traced photographs by file; empty if none were traced."""
     traced = [one for one in photographs if not one.refused]
     if not traced:
         return {}

@@ -1,4 +1,4 @@
-"""A photograph to points on the bottom line, with what angle and curvature they give."""
+"""Trace a photograph: points on the bottom line, with their angle and curvature."""
 
 from dataclasses import dataclass, replace
 
@@ -21,53 +21,53 @@ Floats = NDArray[np.float64]
 
 PHOTO_MB = 100.0
 """A JPEG file of 12 megapixels has 3 … 10 MB, a TIFF file 36 MB."""
-#: Error of a point along the line, and of its ends, where the gel's corner is read [px].
+#: Error of points along the line, and of its ends, located by the gel's corners [px].
 ALONG, END = 0.3, 1.5
-#: A stated length and a measured one that differ by more are not of one thing.
+#: Largest difference of stated and measured length of the same line.
 LENGTH_AGREES = 0.1
-#: The clamp is told from a free tip if beyond it differs by so much more from what is below the
-#: line; else which end is which is not sure.
+#: The clamp is identified if the region beyond it differs from that below the line by this much
+#: more than at the free tip; otherwise which end is which is not sure.
 CLAMP = 1.3
-#: Bending away from the paper by more is no noise: the line is on the wrong side [deg].
+#: Bending away from the paper beyond noise: the line is on the wrong side [deg].
 AWAY = 5.0
-#: A body that holds more of the target's points than this share is the target, such as a ruler, or
-#: a part of it: the rim of a checkerboard holds few of its corners, an actuator beside it none.
+#: A body that contains more of the target's points than this share is the target, such as a ruler,
+#: or part of it: the rim of a checkerboard has few of its corners, an actuator next to it none.
 IS_TARGET = 0.05
-#: An angle less well known than this is not worth a reading [deg].
+#: Largest acceptable error of an angle [deg].
 MOST_ANGLE_ERROR = 1.2
-#: Least share of the line on which the edge is seen; marks on it hide it.
+#: Least share of the line with a visible edge; marks hide it.
 SEEN = 0.8
-#: Least share of the stiff ends on which the edge is seen: the bend angle is read there.
+#: Least share of the stiff ends with a visible edge: the bend angle is read there.
 ENDS_SEEN = 0.7
-#: Probability before it is traced that a line bends up to its ends, as a strip without end walls.
+#: Prior probability that a line bends up to its ends, like a strip without end walls.
 BENT_BEFORE = 0.2
-#: Ends whose curvature is no more than this share of that between them are stiff: 0.1 of the finite
-#: element model, 0.5 of a line that is straight on `STIFF` and a circle between, 1 of a circle.
+#: Ends are stiff if their curvature is at most this share of that between them: 0.1 in the finite
+#: element model, 0.5 for a line straight on `STIFF` and a circle between, 1 for a circle.
 STIFF_SHARE = 0.5
-#: Error of a point that a person set, along and across the line [px].
+#: Error of a point set by hand, along and across the line [px].
 BY_HAND = 1.5
-SAME_POINT = 1e-3  # px: far below what a hand can set, far above rounding
-#: Points of a person are within the photograph, or this share of it outside.
+SAME_POINT = 1e-3  # px: far below manual precision, far above rounding
+#: Points set by hand may lie outside the photograph by this share of it.
 OUTSIDE = 0.05
-#: By what errors of points grow as they are correlated over a few neighbours; found on rendered
-#: photographs other than those of the published benchmark.
+#: Inflation of point errors for correlation over a few neighbours; tuned on rendered photographs
+#: other than those of the published benchmark.
 CORRELATED = 2.0
 
 
 @dataclass(frozen=True)
 class PictureScale:
-    """What is known of sizes in a photograph; at least one is given.
+    """Known sizes in a photograph, at least one.
 
     Parameters
     ----------
     grid : float, optional
         Side of a square of a checkerboard in the plane of the actuator's side [mm].
     ruler : float, optional
-        From tick to tick of a ruler in that plane [mm].
+        Tick spacing of a ruler in that plane [mm].
     length : float, optional
-        Of the bottom line [mm]; with another of these it is a check.
+        Length of the bottom line [mm]; a check if another size is given.
     mm_per_px : float, optional
-        Of a photograph that was taken square on [mm/px].
+        Scale of a perpendicular photograph [mm/px].
     """
 
     grid: float | None = None
@@ -78,34 +78,34 @@ class PictureScale:
 
 @dataclass(frozen=True)
 class Trace:
-    """What was read of a photograph.
+    """Result of tracing a photograph.
 
     Parameters
     ----------
     points : array, shape (n, 2)
         On the bottom line from the clamp to the tip [mm]: from the first, x along the clamped end,
-        y away from the paper, so that an actuator that bends towards its paper goes to y < 0.
+        y away from the paper, so that an actuator bending towards its paper goes to y < 0.
     error : array, shape (n, 2)
-        Standard errors of x and y from reading the edge, without those of scale and tilt [mm].
+        Standard errors of x and y from the edge, without scale and tilt [mm].
     pixels : array, shape (n, 2)
         The points in the photograph [px].
     seen : array of bool, shape (n,)
-        Where an edge was read; elsewhere points lie between their neighbours.
+        Where an edge was read; other points are interpolated.
     angle, angle_error : float
-        Of the free end against the clamped one, towards the paper [deg].
+        Rotation of the free end relative to the clamped one, towards the paper [deg].
     bent_ends : float
         Probability that the line bends up to its ends. From 0.5 on the angle is that of such a
-        line, else that of straight ends; the error holds the other.
+        line, below that of straight ends; the error covers both.
     curvature, curvature_error : float
         Angle over length [1/m].
     length : float
         Of the line [mm].
     plane : Plane
-        With the target that the scale is from.
+        Plane with the target that gives the scale.
     to_mm : array, shape (3, 3)
         Homography from pixels to the frame of ``points``.
     doubts : tuple of str
-        What a person should look at.
+        What a person should check.
     """
 
     points: Floats
@@ -126,8 +126,8 @@ class Trace:
 def angle_and_length(points: Floats) -> tuple[float, float]:
     """Return the bend angle [rad], turning left positive, and the length of a line of points.
 
-    The angle is that between straight lines fitted to the stiff ends, as the contract's is that
-    between end faces; curvature is the one over the other.
+    The angle is that between straight lines fitted to the stiff ends, like the angle between end
+    faces; curvature is angle over length.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def angle_and_length(points: Floats) -> tuple[float, float]:
     arc = arc_of(points)
     reach = max(STIFF * arc[-1], float(arc[2]), float(arc[-1] - arc[-3]))
     first, last = _direction(points[arc <= reach]), _direction(points[arc >= arc[-1] - reach])
-    # the whole turn, counted along the line, chooses the branch
+    # the total turning along the line selects the branch
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     turned = heading[-1] - heading[0]
     angle = last - first
@@ -153,15 +153,15 @@ def angle_and_length(points: Floats) -> tuple[float, float]:
 
 
 def with_bent_ends(angle: float, bent: float) -> float:
-    """Return the bend angle of a line that more probably bends up to its ends; else the same.
+    """Correct the bend angle of a line that probably bends up to its ends.
 
-    The straight lines through its ends have the directions of their middles, so that they miss the
-    turn of half an end at either side.
+    Straight lines through bent ends have the directions of their middles, so they miss the turning
+    of half an end at either side.
 
     Parameters
     ----------
     angle : float
-        By straight lines through the ends.
+        Angle between straight lines through the ends.
     bent : float
         Probability that the line bends up to its ends.
 
@@ -174,7 +174,7 @@ def with_bent_ends(angle: float, bent: float) -> float:
 
 
 def ends_curvature(points: Floats) -> float:
-    """Return the mean curvature of both ends of a line, twice as long as they are if stiff."""
+    """Return the mean curvature of both ends of a line, over twice the length of stiff ends."""
     arc = arc_of(points)
     reach = max(2.0 * STIFF * arc[-1], float(arc[3]), float(arc[-1] - arc[-4]))
     found = []
@@ -193,9 +193,9 @@ def bent_to_ends(at_ends: float, between: float, sd: float) -> float:
     Parameters
     ----------
     at_ends, between : float
-        Of the ends, and of the line.
+        Curvatures of the ends, and of the line between.
     sd : float
-        Standard error of that of the ends.
+        Standard error of the ends' curvature.
 
     Examples
     --------
@@ -233,21 +233,21 @@ def trace(
     image : array of uint8
         Blue, green, red.
     scale : PictureScale
-        What is known of sizes.
+        Known sizes.
     rng : Generator
-        Draws errors of the target and of points, from which those of the readings follow.
+        Draws errors of the target and of points, to propagate them to the readings.
     hint : array, shape (k, 2), optional
         Points near the line, from end to end, or corrected ones [px].
     line : array, shape (k, 2), optional
-        The line itself, see `trace_line`: no edge is looked for then [px].
+        The line itself, see `trace_line`: no edge is searched then [px].
     base : {"left", "right", "top", "bottom"}, optional
-        On which side of the photograph the clamp is; else it is found.
+        Side of the photograph with the clamp; by default it is detected.
 
     Raises
     ------
     BayesdegError
-        If the actuator, its edge or the target is not found, or what is found contradicts what is
-        stated.
+        If the actuator, its edge or the target is not found, or the result contradicts given
+        sizes.
     """
     if line is not None:
         return trace_line(image, scale, line, rng=rng)
@@ -259,24 +259,24 @@ def trace(
 
 
 def _refuse_target(body: Silhouette, target: Floats) -> None:
-    """Refuse a ruler or a card that was taken for the actuator: its own marks are in it."""
+    """Refuse a ruler or card mistaken for the actuator: it contains the target's points."""
     if body.outline is None:
         return
-    hull = cv2.convexHull(body.outline.astype(np.float32))  # ticks cut into the outline itself
+    hull = cv2.convexHull(body.outline.astype(np.float32))  # ticks cut into the outline
     within = [cv2.pointPolygonTest(hull, point, False) >= 0.0 for point in target.tolist()]
     if within and np.mean(within) > IS_TARGET:
         raise BayesdegError(
-            "the ruler or checkerboard is found where the actuator should be; show the bottom line "
-            "with --hint, or with a points file"
+            "the ruler or checkerboard was mistaken for the actuator; show the bottom line with "
+            "--hint, or with a points file"
         )
 
 
 def trace_line(
     image: Colours, scale: PictureScale, line: Floats, *, rng: np.random.Generator
 ) -> Trace:
-    """Take the line that a person set for the bottom line, without looking for an edge.
+    """Use a line set by hand as the bottom line, without searching for an edge.
 
-    Its points have an error of `BY_HAND` across the line. Which side the paper is on is told by the
+    Its points have an error of `BY_HAND` across the line. The side of the paper follows from the
     bend, which is towards it.
 
     Parameters
@@ -284,22 +284,22 @@ def trace_line(
     image : array of uint8
         Blue, green, red.
     scale : PictureScale
-        What is known of sizes.
+        Known sizes.
     line : array, shape (k, 2)
-        From the clamp to the tip, k at least 4 [px]; points that repeat the one before count once.
+        From the clamp to the tip, k at least 4 [px]; repeated points count once.
     rng : Generator
-        As of `trace`.
+        As in `trace`.
 
     Raises
     ------
     BayesdegError
-        If it has fewer points, leaves the photograph, or contradicts what is stated.
+        If it has fewer points, leaves the photograph, or contradicts given sizes.
     """
     moves = np.hypot(*np.diff(line, axis=0).T) > SAME_POINT
     line = line[np.append(np.ones(min(len(line), 1), dtype=bool), moves)]
     if len(line) < FEWEST_POINTS:
         raise BayesdegError(
-            f"its line has {len(line)} points; set {FEWEST_POINTS} at least, from the clamp to the "
+            f"its line has {len(line)} points; set at least {FEWEST_POINTS}, from the clamp to the "
             "tip"
         )
     size = np.array(image.shape[1::-1])
@@ -325,9 +325,9 @@ def measured(
     base: Side | None = None,
     reverse: bool | None = None,
 ) -> Trace:
-    """Return what points on the line, the paper on their left, give in mm; see `trace`.
+    """Convert points on the line, with the paper on their left, to mm and readings; see `trace`.
 
-    Whether they run from the tip to the clamp is found where ``reverse`` does not say it.
+    If ``reverse`` is not given, whether they run from tip to clamp is detected.
     """
     _refuse_hidden(edge)
     plane = _plane(image, edge, scale, rng)
@@ -368,13 +368,13 @@ def measured(
 def _refuse_bend(angle: float, error: float, *, by_hand: bool) -> None:
     if error > MOST_ANGLE_ERROR and not by_hand:
         raise BayesdegError(
-            f"the bend angle is uncertain by {error:.1f} degrees; take the photograph nearer, "
-            "sharper, or show a checkerboard"
+            f"the bend angle is uncertain by {error:.1f} degrees; take a closer, "
+            "sharper photograph, or show a checkerboard"
         )
     if angle < -AWAY:
         raise BayesdegError(
             f"the line bends away from the paper by {-angle:.0f} degrees; show the bottom line "
-            "with --hint, the side with the paper"
+            "with --hint, on the side of the paper"
         )
 
 
@@ -387,7 +387,7 @@ def _refuse_hidden(edge: Edge) -> None:
         )
     if np.mean(edge.seen) < SEEN:
         raise BayesdegError(
-            f"the edge is seen on {100.0 * float(np.mean(edge.seen)):.0f} % of the line only; "
+            f"the edge is visible on only {100.0 * float(np.mean(edge.seen)):.0f} % of the line; "
             "light it evenly, without marks and glare on it"
         )
 
@@ -410,16 +410,16 @@ def _refuse_length(found: float, stated: float) -> None:
     ratio = found / stated
     if abs(ratio - 1.0) > LENGTH_AGREES:
         raise BayesdegError(
-            f"the line measures {found:.4g} mm and is stated as {stated:.4g} mm, a factor of "
+            f"the line measures {found:.4g} mm but is stated as {stated:.4g} mm, a factor of "
             f"{ratio:.3g}; check the squares of the grid, the ticks of the ruler, the scale, and "
-            "whether all of the line is seen"
+            "whether the whole line is visible"
         )
 
 
 def _reading(
     homography: Floats, edge: Edge, rng: np.random.Generator
 ) -> tuple[float, float, float]:
-    """Return angle, length and curvature of the ends of a draw of points in one of the plane."""
+    """Return angle, length and curvature of the ends for a draw of points and plane."""
     normals = _normals(edge.points)
     white = rng.normal(size=len(edge.points) + 1)
     noise = CORRELATED * (white[1:] + white[:-1]) / np.sqrt(2.0)
@@ -451,7 +451,7 @@ def _order(edge: Edge, base: Side | None) -> tuple[bool, tuple[str, ...]]:
     stated = along > 0.0
     if sure and stated != found:
         raise BayesdegError(
-            f"the clamp is stated on the {base} and is seen at the other end: the photograph is "
+            f"the clamp is stated on the {base} but appears at the other end: the photograph is "
             "mirrored, or --base is wrong"
         )
     return stated, ()
@@ -467,7 +467,7 @@ def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Float
     along = np.full(len(edge.points), ALONG)
     along[[0, -1]] = END
     order = slice(None, None, -1 if reverse else 1)
-    # the paper is on the left; seen from the other side it is on the right
+    # the paper is on the left; from the other side it is on the right
     upright = np.diag([1.0, 1.0 if reverse else -1.0, 1.0]) @ plane.homography
     to_mm = into_frame(mapped(upright, edge.points[order])) @ upright
     points = mapped(to_mm, edge.points)
@@ -477,7 +477,7 @@ def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Float
 
 
 def into_frame(points: Floats) -> Floats:
-    """Return the rigid motion that takes a line to its clamped end: from 0, along x, (3, 3).
+    """Return the rigid motion that moves a line to its clamped end: from 0, along x, (3, 3).
 
     Parameters
     ----------

@@ -1,14 +1,14 @@
-r"""Actuators whose material is a field with a history: what effects do, by physics of their own.
+r"""Actuators with a history-dependent material field: effects by independent physics.
 
 The rules of `bayesdeg.causes` change the inputs of an elastic, uniform actuator. Here the field
-itself is solved, at every quadrature point of the finite element model and in the order of the
-test, so that data with an effect in them do not come from the function that later explains it:
+itself is solved, at every quadrature point of the finite element model and along the test, so that
+data with an effect do not come from the function that later explains it:
 
 * `Viscous`: stress relaxes by a Prony series,
   :math:`S(t) = \int (1 - \sum_k g_k (1 - e^{-(t - s)/\tau_k}))\, dS^e(s)`;
 * `Softened`: the pseudo-elasticity of Ogden and Roxburgh, each point by its own largest energy;
-* `Drying`: water diffuses through the walls, which stiffen and shrink where it has left;
-* `reacted`: degradation by an agent that diffuses in and is used up, stationary.
+* `Drying`: water diffuses through the walls, which stiffen and shrink where they dry;
+* `reacted`: degradation by an agent that diffuses in and is consumed, stationary.
 
 :math:`S^e` is the isochoric second Piola–Kirchhoff stress of the Yeoh law. Paper stays elastic.
 """
@@ -65,26 +65,26 @@ from physics.mounting import (
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-HALVINGS = 6  # of a step of the load that leads to no equilibrium
-SWEEPS = 40  # of the softening, which follows the energy, at one load
-SETTLED = 1e-5  # change of the constants, over themselves, at which they are taken for settled
-LESS = 0.9  # of the change of the sweep before; else the next ones are damped
-RELAXED = 0.67  # share of a new softening that is taken: undamped, half of an error comes back
-EFFORT = PathEffort(tolerance=1e-5, iterations=25)  # a creep step moves little, and must count
+HALVINGS = 6  # maximum halvings of a load step without equilibrium
+SWEEPS = 40  # iterations of the energy-dependent softening at one load
+SETTLED = 1e-5  # relative change of the constants at convergence
+LESS = 0.9  # required reduction of the change per sweep; else the next ones are damped
+RELAXED = 0.67  # damping factor of the softening: undamped, half of an error returns
+EFFORT = PathEffort(tolerance=1e-5, iterations=25)  # creep steps are small and must be resolved
 
 
 @dataclass(frozen=True)
 class Field:
-    """The material at every quadrature point, while a step is made.
+    """The material at every quadrature point, during a step.
 
     Parameters
     ----------
     constants : array, shape (n_elements, n_points, 4)
         C1, C2, C3 and r, as in `Problem` [C1].
     overstress : array, shape (n_elements, n_points, 3, 3), optional
-        Second Piola–Kirchhoff stress that acts beside that of the constants [C1].
+        Second Piola–Kirchhoff stress in addition to that of the constants [C1].
     swelling : array, shape (n_elements, n_points), optional
-        Volume that the material strives for over that in which it was meshed [–].
+        Stress-free volume of the material over its meshed volume [–].
     """
 
     constants: Floats
@@ -94,21 +94,21 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class FieldEquations:
-    r"""The equations of `Problem` with an overstress H and a volume J* that the material wants.
+    r"""The equations of `Problem` with an overstress H and a stress-free volume ratio J*.
 
     .. math:: \int F H : \nabla v\, dV \quad\text{is added, and}\quad
         \int q (J - J^* - p/K)\, dV = 0.
 
-    The energy depends on the isochoric invariants alone, so that an even swelling needs no more.
+    The energy depends on isochoric invariants only, so isotropic swelling needs nothing more.
 
     Parameters
     ----------
     problem : Problem
-        With the field's constants.
+        Problem with the field's constants.
     overstress, swelling : array, optional
         As in `Field`.
     support : ClampSprings, optional
-        Springs that hold the end face, where it is not held itself.
+        Springs that hold the end face, if it is not fixed.
     """
 
     problem: Problem
@@ -128,12 +128,12 @@ class FieldEquations:
 
     @property
     def has_dead_load(self) -> bool:
-        """Whether anything acts at zero pressure."""
+        """Whether any load acts at zero pressure."""
         acts = self.overstress is not None or self.swelling is not None
         return acts or self.problem.has_dead_load
 
     def with_share(self, share: float) -> Self:
-        """Return the equations with another share of the dead loads."""
+        """Return the equations with a different share of the dead loads."""
         return replace(self, problem=self.problem.with_share(share))
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
@@ -155,7 +155,7 @@ class FieldEquations:
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent times directions."""
+        """Return the mixed problem's tangent applied to directions."""
         return [
             (force + self._further(direction.displacement), volume)
             for (force, volume), direction in zip(
@@ -164,7 +164,7 @@ class FieldEquations:
         ]
 
     def _further(self, displacement: Floats) -> Floats:
-        """Return what overstress and springs add along a direction, (n_nodes, 3)."""
+        """Return the contribution of overstress and springs along a direction, (n_nodes, 3)."""
         force = np.zeros_like(displacement)
         if self.overstress is not None:
             rate = deformation_gradients(self.system.body, displacement) - np.eye(3)
@@ -188,7 +188,7 @@ class FieldEquations:
         return self.problem.pressure_increment(factors, displacement, volume_residual)
 
     def cavity_gradient(self, state: MechanicalState) -> Floats:
-        """Return the derivative of the cavity's volume by the displacement."""
+        """Return the derivative of the cavity volume with respect to the displacement."""
         return self.problem.cavity_gradient(state)
 
     def cavity_volume(self, state: MechanicalState) -> float:
@@ -258,15 +258,15 @@ def isochoric_stress(constants: Floats, gradient: Floats) -> Floats:
 
 
 class Memory(Protocol):
-    """What a material has been through, and what it is therefore."""
+    """The history of a material, and its resulting state."""
 
     @property
     def longest(self) -> float:
-        """Span of time within which one step is exact enough [s]; inf if time does nothing."""
+        """Longest accurate time step [s]; inf if time has no effect."""
 
     @property
     def follows_state(self) -> bool:
-        """Whether the field depends on the state that is being found."""
+        """Whether the field depends on the unknown state."""
 
     def field(self, span: float, gradient: Floats) -> Field:
         """Return the field of a step that ends ``span`` after the last, at F = ``gradient``."""
@@ -277,12 +277,12 @@ class Memory(Protocol):
 
 @dataclass(frozen=True)
 class Elastic:
-    """No memory: the field stays what it is.
+    """No memory: the field is constant.
 
     Parameters
     ----------
     kept : Field
-        At all times.
+        The field at all times.
     """
 
     kept: Field
@@ -304,18 +304,18 @@ class Viscous:
 
     .. math:: S(t) = \int_0^t \Big(1 - \sum_k g_k \big(1 - e^{-(t - s)/\tau_k}\big)\Big)\, dS^e(s)
 
-    A step is exact where :math:`S^e` grows evenly in it (Taylor, Pister, Goudreau).
+    A step is exact where :math:`S^e` grows linearly (Taylor, Pister, Goudreau).
 
     Parameters
     ----------
     constants : array, shape (n_elements, n_points, 4)
-        Of the elastic law [C1].
+        Constants of the elastic law [C1].
     shares : tuple of float
-        g_k, shares of the stress that relax in the end; their sum is below 1 [–].
+        g_k, shares of the stress that finally relax; their sum is below 1 [–].
     times : tuple of float
         τ_k [s].
     stress, late : array, optional
-        Sᵉ at the end of the last step, and what of each share has not relaxed yet [C1].
+        Sᵉ at the end of the last step, and the unrelaxed part of each share [C1].
 
     References
     ----------
@@ -336,7 +336,7 @@ class Viscous:
         return min(self.times) / 3.0
 
     def field(self, span: float, gradient: Floats) -> Field:
-        """Return the constants that act at once, and the overstress of what came before."""
+        """Return the instantaneous constants, and the overstress from the history."""
         factor = 1.0
         overstress = np.zeros((*self.constants.shape[:2], 3, 3))
         for share, mean, kept, late in self._terms(span):
@@ -358,7 +358,7 @@ class Viscous:
         return np.zeros((1, 1, 3, 3)) if self.stress is None else self.stress
 
     def _terms(self, span: float) -> list[tuple[float, float, float, Floats]]:
-        """Share, (1 − e^(−x))/x, e^(−x) with x = span/τ, and what had not relaxed, of each term."""
+        """Share, (1 − e^(−x))/x, e^(−x) with x = span/τ, and the unrelaxed stress, of each term."""
         ages = [span / time for time in self.times]
         late = self.late or tuple(np.zeros((1, 1, 3, 3)) for _ in ages)
         return [
@@ -369,21 +369,21 @@ class Viscous:
 
 @dataclass(frozen=True)
 class Softened:
-    r"""The Mullins effect by pseudo-elasticity, each point by its own history.
+    r"""The Mullins effect by pseudo-elasticity, with a separate history at each point.
 
     .. math:: P = \eta\, \partial W/\partial F + p\, J F^{-T}, \qquad
         \eta = 1 - \frac1r\, \mathrm{erf}\frac{W_m - W}{m + \beta W_m}
 
-    with :math:`W_m` the largest energy that the point has met.
+    with :math:`W_m` the largest energy so far at the point.
 
     Parameters
     ----------
     constants : array, shape (n_elements, n_points, 4)
-        Of the first loading [C1].
+        Constants of the first loading [C1].
     r, beta : float
         r ≥ 1 and β ≥ 0 [–].
     m : float
-        Energy about which the softening sets in [C1].
+        Energy at which softening sets in [C1].
     largest : array, shape (n_elements, n_points), optional
         W_m so far [C1].
 
@@ -417,20 +417,20 @@ class Softened:
 
 
 class Water(NamedTuple):
-    """How a material dries, and what that does.
+    """Drying of a material, and its effects.
 
     Parameters
     ----------
     diffusivity : float
         D [mm²/s]; 1e-5 are 1e-11 m²/s.
     transfer : float
-        k, at which the surface gives water to the air [mm/s].
+        k, water transfer coefficient from surface to air [mm/s].
     fall : float
-        Of the content that is in balance with the air, over that in store [–].
+        Fall of the equilibrium content in the air, over that in storage [–].
     stiffening : float
-        ln stiffness gained where all of the fall has arrived [–].
+        Gain of ln stiffness after the full fall [–].
     shrinkage : float
-        Share of the volume lost there [–].
+        Share of the volume lost after the full fall [–].
     """
 
     diffusivity: float
@@ -442,26 +442,26 @@ class Water(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Drying:
-    r"""Water that leaves through the faces in the room's air.
+    r"""Water that leaves through the faces exposed to air.
 
     .. math:: \dot c = D \nabla^2 c, \qquad -D\, \partial c/\partial n = k\, (c + f)
         \text{ on faces in the air}, \qquad c_0 = 0
 
-    by finite elements on the bricks of the body, backward Euler; paper, chambers and the clamp
-    let no water through. Stiffness is multiplied by exp(−a c), volume by 1 + b c.
+    by finite elements on the bricks of the body, backward Euler; paper, chambers and the clamp are
+    impermeable. Stiffness is multiplied by exp(−a c), volume by 1 + b c.
 
     Parameters
     ----------
     diffusion : Diffusion
-        On the body.
+        Diffusion elements of the body.
     constants : array, shape (n_elements, n_points, 4)
-        As stored [C1].
+        Constants in storage [C1].
     water : Water
-        Its laws.
+        Drying laws.
     content : array, shape (n_nodes,), optional
-        c now; 0 if none.
+        Current c; 0 by default.
     step : float
-        Longest step of time [s].
+        Longest time step [s].
 
     References
     ----------
@@ -477,7 +477,7 @@ class Drying:
 
     @property
     def longest(self) -> float:
-        """Longest step of time [s]."""
+        """Longest time step [s]."""
         return self.step
 
     def field(self, span: float, gradient: Floats) -> Field:
@@ -488,7 +488,7 @@ class Drying:
         return Field(self.constants * stiffer[..., None], swelling=swelling)
 
     def after(self, span: float, gradient: Floats) -> Self:
-        """Return the memory with the water that is left."""
+        """Return the memory with the remaining water."""
         return replace(self, content=self._later(span))
 
     def _later(self, span: float) -> Floats:
@@ -500,14 +500,14 @@ class Drying:
 
 @dataclass(frozen=True, eq=False)
 class Diffusion:
-    """Scalar finite elements on the bricks of a body, for what comes in through its faces.
+    """Scalar finite elements on the bricks of a body, for diffusion through its faces.
 
     Parameters
     ----------
     body : Body
-        Of bricks with straight edges.
+        A body of bricks with straight edges.
     surface : array of int
-        Nodes on faces in the air, or in the soil.
+        Nodes on faces exposed to air or soil.
     stiffness, masses, exchange : scipy.sparse.csr_array
         ∫ ∇v · ∇c and ∫ v c over the body, and ∫ v c over those faces.
     """
@@ -553,7 +553,7 @@ class Diffusion:
 
 
 def open_faces(body: Body) -> Indices:
-    """Return outer faces but those of the cavity, under paper, clamped or in the symmetry plane.
+    """Return outer faces except those of the cavity, under paper, clamped or in the symmetry plane.
 
     Examples
     --------
@@ -572,13 +572,14 @@ def open_faces(body: Body) -> Indices:
 def reacted(diffusion: Diffusion, depth: float, degradation: float) -> Floats:
     r"""Return the degradation rate at every quadrature point, (n_elements, n_points) [%].
 
-    What degrades diffuses in through the open faces and is used up, :math:`D \nabla^2 u = k u`;
-    the rate goes with u, and its mean over the volume is what a moisture measurement gives.
+    The degrading agent diffuses in through the open faces and is consumed,
+    :math:`D \nabla^2 u = k u`; the rate is proportional to u, and its volume mean is what a
+    moisture measurement gives.
 
     Parameters
     ----------
     diffusion : Diffusion
-        On the body.
+        Diffusion elements of the body.
     depth : float
         :math:`\ell = \sqrt{D/k}` at moulded size [mm].
     degradation : float
@@ -600,9 +601,9 @@ class Schedule(NamedTuple):
     Parameters
     ----------
     load : array, shape (n,)
-        p/C1 at each reading [–]; it is set right after the reading before.
+        p/C1 at each reading [–]; set right after the previous reading.
     held : array, shape (n,)
-        How long before it is read [s].
+        Hold time before each reading [s].
     """
 
     load: Floats
@@ -616,13 +617,13 @@ class FieldBody:
     Parameters
     ----------
     body : Body
-        With what is held, pressed and papered.
+        Body with its fixed, pressurised and papered faces.
     material : MaterialGroups
-        Of the paper, the bulk modulus, and of the body where no memory says else.
+        Paper, bulk modulus, and the body unless a memory overrides it.
     effort : PathEffort
-        Of each equilibrium.
+        Effort of each equilibrium.
     clamp : Clamp, optional
-        Springs that hold the end face of a body that is released there.
+        Springs that hold the end face of a released body.
     """
 
     body: Body
@@ -637,7 +638,7 @@ class FieldBody:
 
     @cached_property
     def support(self) -> ClampSprings | None:
-        """The springs of the clamp; None if it does not give."""
+        """The springs of the clamp; None if it is rigid."""
         return None if self.clamp is None else ClampSprings.on(self.system, self.clamp)
 
     @cached_property
@@ -647,7 +648,7 @@ class FieldBody:
 
     @property
     def constants(self) -> Floats:
-        """Of the material's groups at every quadrature point, (n_elements, n_points, 4) [C1]."""
+        """Constants at every quadrature point, (n_elements, n_points, 4) [C1]."""
         return local_constants(self.material, self.body)
 
     @property
@@ -658,23 +659,23 @@ class FieldBody:
     def later(
         self, last: LoadStep, load: float, memory: Memory, span: float
     ) -> tuple[LoadStep, Memory]:
-        """Return the equilibrium after a span of time, and what the material then remembers.
+        """Return the equilibrium after a time span, and the updated memory.
 
         Parameters
         ----------
         last : LoadStep
-            Where it was.
+            The last equilibrium.
         load : float
             p/C1, set at the beginning of the span and held [–].
         memory : Memory
-            What the material remembers.
+            Memory of the material.
         span : float
-            0 for what happens at once [s].
+            Time span; 0 for an instantaneous step [s].
 
         Returns
         -------
         LoadStep
-            Without a rate where there is no equilibrium.
+            Without a rate if there is no equilibrium.
         Memory
         """
         gradient = deformation_gradients(self.body, last.state.displacement)
@@ -687,7 +688,7 @@ class FieldBody:
         return last, memory.after(span, deformation_gradients(self.body, last.state.displacement))
 
     def _swept(self, memory: Memory, last: LoadStep, load: float, span: float) -> LoadStep:
-        """Return the equilibrium with the field that follows from it, found by turns."""
+        """Return the equilibrium and its field by alternating iterations."""
         gradient = deformation_gradients(self.body, last.state.displacement)
         field, share, change = memory.field(span, gradient), RELAXED, np.inf
         for _ in range(SWEEPS):
@@ -712,7 +713,7 @@ class FieldBody:
     def _reached(
         self, equations: FieldEquations, start: LoadStep, load: float, halvings: int
     ) -> LoadStep:
-        """Return the equilibrium at a load, by shorter steps where it is not found at once."""
+        """Return the equilibrium at a load, by shorter steps if necessary."""
         change, guess = load - start.state.load, start.state
         if start.rate is not None:
             u, p = start.rate.displacement, start.rate.pressure
@@ -729,18 +730,18 @@ class FieldBody:
 
 @dataclass
 class FieldActuator:
-    """A meshed actuator that is tested with materials that have a memory.
+    """A meshed actuator tested with materials that have a memory.
 
     Parameters
     ----------
     mesh : ActuatorMesh
-        Of the geometry.
+        Mesh of the geometry.
     material : MaterialGroups
-        As of `FieldBody`.
+        As in `FieldBody`.
     effort : PathEffort
-        Of each equilibrium.
+        Effort of each equilibrium.
     clamp : Clamp, optional
-        That gives; by default the end face is held.
+        A compliant clamp; by default the end face is fixed.
 
     Examples
     --------
@@ -765,12 +766,12 @@ class FieldActuator:
 
     @cached_property
     def body(self) -> FieldBody:
-        """Its body."""
+        """The body."""
         body = self.mesh.body if self.clamp is None else released(self.mesh.body)
         return FieldBody(body, self.material, self.effort, self.clamp)
 
     def clamp_angle(self, state: MechanicalState) -> float:
-        """Return by how much the clamped end face has turned towards the paper [rad]."""
+        """Return the rotation of the clamped end face towards the paper [rad]."""
         if self.clamp is None:
             return 0.0
         body = self.mesh.body
@@ -785,21 +786,21 @@ class FieldActuator:
         on_reading: Callable[[], None] | None = None,
         to_horizontal: bool = False,
     ) -> Floats:
-        """Return what is read, (n, n_outputs) in the order of `OUTPUTS`; nan past a failure.
+        """Return readings, (n, n_outputs) in the order of `OUTPUTS`; nan past a failure.
 
-        The bend angle is that of the free end face to the clamped one.
+        The bend angle is that of the free end face relative to the clamped one.
 
         Parameters
         ----------
         memory : Memory
-            Of the material before the test.
+            Memory of the material before the test.
         schedule : Schedule
             Loads and holds.
         on_reading : callable, optional
-            Called after each.
+            Called after each reading.
         to_horizontal : bool
-            Whether the bend angle is that of the free end face to where the clamped one was, as a
-            camera reads it that takes the clamp for rigid.
+            Whether the bend angle is relative to the undeformed clamped face, as read by a camera
+            that assumes a rigid clamp.
         """
         found = np.full((len(schedule.load), len(OUTPUTS)), np.nan)
         last, angle = self.body.rest, 0.0
@@ -819,7 +820,7 @@ class FieldActuator:
 
 
 def _elastic(actuator: FieldActuator, load: Floats) -> Floats:
-    """Return what is read at loads without a memory, (n, 3); the way there does not matter."""
+    """Return readings at loads without memory, (n, 3); independent of the path."""
     loads, places = np.unique(load, return_inverse=True)
     schedule = Schedule(loads, np.zeros(len(loads)))
     read = actuator.tested(Elastic(Field(actuator.body.constants)), schedule)
@@ -827,7 +828,7 @@ def _elastic(actuator: FieldActuator, load: Floats) -> Floats:
 
 
 def _parts(held: float, longest: float) -> list[float]:
-    """Return spans of a hold, none longer than ``longest``; none without a hold."""
+    """Split a hold into spans of at most ``longest``; none without a hold."""
     if held <= 0.0 or np.isinf(longest):
         return [held] if held > 0.0 else []
     count = int(np.ceil(held / longest))
@@ -835,34 +836,34 @@ def _parts(held: float, longest: float) -> list[float]:
 
 
 def _change(before: Floats, now: Floats) -> float:
-    """Return the largest change of C1, relative."""
+    """Return the largest relative change of C1."""
     return float(np.max(np.abs(now[..., 0] / before[..., 0] - 1.0)))
 
 
 class FieldMap:
-    """A forward map of actuators that are tested in time, each with a material of its own.
+    """A forward map of time-dependent tests of actuators, each with its own material.
 
     Parameters
     ----------
     geometry : Moulded
         The actuator as moulded.
     resolution : Resolution
-        Of the mesh on which fields are solved.
+        Resolution of the mesh on which fields are solved.
     held : array, shape (n_specimens, n_readings)
-        How long each pressure is held before it is read [s].
+        Hold time of each pressure before its reading [s].
     remembering : callable
-        Returns the memory of a specimen, given its actuator and its place.
+        Returns the memory of a specimen, given its actuator and index.
     mounting : callable, optional
-        Returns how a specimen is made and held, given its place; by default paper is bonded all
-        over and the end face held.
+        Returns how a specimen is made and held, given its index; by default the paper is fully
+        bonded and the end face fixed.
     finer : ForwardMap, optional
-        Elastic, on a finer mesh: its readings are multiplied by what the field changes on the
-        coarser one, which depends far less on the mesh than the readings do.
+        Elastic map on a finer mesh: its readings are multiplied by the field's relative effect on
+        the coarser mesh, which depends on the mesh far less than readings do.
 
     Notes
     -----
-    The slope of a prediction, which nothing here needs, is nan. With a finer map, what bends
-    without pressure, as by shrinkage, is lost.
+    The slope of a prediction is not needed and nan. With a finer map, bending without pressure, as
+    by shrinkage, is lost.
     """
 
     def __init__(
@@ -886,10 +887,10 @@ class FieldMap:
         Raises
         ------
         ValueError
-            If they count from a reference pressure.
+            If they have a reference pressure.
         """
         if inputs.reference_pressure is not None:
-            raise ValueError("a test in time counts from no reference pressure")
+            raise ValueError("a time-dependent test cannot have a reference pressure")
         load = np.broadcast_to(load_of(inputs), (1, *self.held.shape))[0]
         groups = {name: np.ravel(group) for name, group in material_groups(inputs).items()}
         scale = np.broadcast_to(inputs.linear_scale, (1, len(load), 1))[0, :, 0]
@@ -914,13 +915,13 @@ class FieldMap:
             elastic = _elastic(whole, load)
             if not plain:
                 whole.body.solver.close()
-            # without pressure neither bends
+            # no bending without pressure
             found = np.divide(found, elastic, out=np.ones_like(found), where=elastic != 0.0)
         actuator.body.solver.close()
         return found
 
     def _mesh(self, bond: Bond) -> ActuatorMesh:
-        """Return the mesh that ends where bonding does, bonded all over; specimens share it."""
+        """Return the fully bonded mesh with planes where bonding ends; shared by specimens."""
         if bond not in self._meshes:
             cuts = cuts_of(self.geometry, bond)
             self._meshes[bond] = build_mesh(self.geometry, self.resolution, cuts=cuts)

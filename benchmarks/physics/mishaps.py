@@ -1,8 +1,8 @@
-"""Mishaps of a laboratory, done to the readings of a study: what goes wrong without any physics.
+"""Laboratory mishaps applied to the readings of a study: errors without physics.
 
-Each takes a table as it stands in ``actuator.csv`` and returns it with the mishap, and whose
-readings are wrong. They know nothing of how a study is judged. What a wrong pressure would have
-read is interpolated in the specimen's own curve, so that no model is needed.
+Each takes a table like ``actuator.csv`` and returns it with the mishap, and the affected specimens.
+Mishaps know nothing of how a study is judged. Readings at a wrong pressure are interpolated in the
+specimen's own curve, so no model is needed.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,18 +32,18 @@ FEWEST_ROWS = 4
 
 @dataclass(frozen=True)
 class Mishap:
-    """What went wrong, and with what.
+    """What went wrong, and where.
 
     Parameters
     ----------
     name : str
         One of `MISHAPS`.
     specimens : tuple of str
-        Whose readings are wrong, or missing.
+        Specimens with wrong or missing readings.
     rows : tuple of int
         Rows of the table that are wrong; empty where rows are missing.
     size : float
-        How much: a factor or a share, as the mishap has it.
+        Size of the mishap: a factor or a share.
     """
 
     name: str
@@ -56,7 +56,7 @@ Happened = tuple[pd.DataFrame, Mishap]
 
 
 def happen(name: str, readings: pd.DataFrame, generator: Generator) -> Happened:
-    """Return readings to which a mishap has happened, and what it was.
+    """Apply a mishap to readings; return them and the mishap.
 
     Parameters
     ----------
@@ -65,12 +65,12 @@ def happen(name: str, readings: pd.DataFrame, generator: Generator) -> Happened:
     readings : pandas.DataFrame
         Rows of ``actuator.csv``.
     generator : Generator
-        Draws whom it meets, and how badly.
+        Draws the affected specimens, and the size.
 
     Raises
     ------
     ValueError
-        If there is no such mishap, or it cannot happen to this study.
+        If the mishap is unknown, or cannot happen to this study.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def happen(name: str, readings: pd.DataFrame, generator: Generator) -> Happened:
     (('A',), 7.5006, [20.0, 40.0, 60.0, 80.0])
     """
     if name not in MISHAPS:
-        raise ValueError(f"there is no mishap {name}; use one of {', '.join(MISHAPS)}")
+        raise ValueError(f"unknown mishap {name}; use one of {', '.join(MISHAPS)}")
     return MISHAPS[name](readings.reset_index(drop=True), generator)
 
 
@@ -92,7 +92,7 @@ def _specimens(readings: pd.DataFrame) -> list[str]:
 
 
 def _one(readings: pd.DataFrame, generator: Generator) -> str:
-    """Return a specimen with enough rows for something to happen to it."""
+    """Return a specimen with enough rows."""
     count = readings[SPECIMEN].astype(str).value_counts()
     long = [name for name in _specimens(readings) if count[name] >= FEWEST_ROWS]
     if not long:
@@ -109,9 +109,9 @@ def _read_columns(readings: pd.DataFrame) -> list[str]:
 
 
 def _at_pressures(curve: pd.DataFrame, factor: float) -> pd.DataFrame:
-    """Return what a specimen reads at its pressures times a factor, along each stroke of its path.
+    """Return a specimen's readings at its pressures times a factor, along each stroke of its path.
 
-    Beyond its largest pressure the last slope goes on.
+    Beyond its largest pressure the last slope is extrapolated.
     """
     found = curve.copy()
     stroke = [c for c in ("cycle", "branch", "mount") if c in curve and curve[c].notna().any()]
@@ -130,7 +130,7 @@ def _at_pressures(curve: pd.DataFrame, factor: float) -> pd.DataFrame:
 
 
 def mistraced_pictures(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """4 % of the pictures are traced wrongly: what is read of them is off by 15 to 40 %."""
+    """Trace 4 % of the pictures wrongly: their readings are off by 15 to 40 %."""
     count = max(1, round(MISTRACED_SHARE * len(readings)))
     rows = np.sort(generator.choice(len(readings), count, replace=False))
     off = generator.uniform(*MISTRACED, count) * generator.choice([-1.0, 1.0], count)
@@ -144,7 +144,7 @@ def mistraced_pictures(readings: pd.DataFrame, generator: Generator) -> Happened
 
 
 def exchanged_labels(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """Two specimens are taken for each other: each has the other's readings."""
+    """Swap the readings of two specimens."""
     rate = readings.assign(name=readings[SPECIMEN].astype(str)).groupby("name")[RATE].first()
     count = readings[SPECIMEN].astype(str).value_counts()
     pairs = [
@@ -168,13 +168,13 @@ def exchanged_labels(readings: pd.DataFrame, generator: Generator) -> Happened:
 
 
 def leaking_specimen(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """One specimen leaks: the pressure inside is a fraction of that read."""
+    """Let one specimen leak: the pressure inside is a fraction of the reading."""
     name, kept = _one(readings, generator), float(generator.uniform(*LEAK))
     return _replaced(readings, "leaking_specimen", (name,), kept)
 
 
 def wrong_batch(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """All specimens of one degradation rate are of a batch that was mixed wrongly: stiffer."""
+    """Stiffen all specimens of one degradation rate, as in a wrongly mixed batch."""
     rate = float(generator.choice(np.unique(readings[RATE].round(0))))
     names = _specimens(readings[readings[RATE].round(0) == rate])
     stiffer = float(generator.uniform(*MISMIXED))
@@ -185,7 +185,7 @@ def wrong_batch(readings: pd.DataFrame, generator: Generator) -> Happened:
 def _replaced(
     readings: pd.DataFrame, mishap: str, names: tuple[str, ...], factor: float
 ) -> Happened:
-    """Return readings of specimens as they are at pressures times a factor."""
+    """Replace readings of specimens by those at pressures times a factor."""
     found = readings.copy()
     for name in names:
         rows = _rows(readings, name)
@@ -194,7 +194,7 @@ def _replaced(
 
 
 def other_unit(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """Give the pressures of one specimen in another unit."""
+    """Give the pressures of one specimen in a different unit."""
     name, factor = _one(readings, generator), float(generator.choice(UNITS))
     rows, found = _rows(readings, name), readings.copy()
     found[PRESSURE] = readings[PRESSURE].astype(float)
@@ -203,7 +203,7 @@ def other_unit(readings: pd.DataFrame, generator: Generator) -> Happened:
 
 
 def cut_off(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """Beyond the edge of the picture curvature cannot be read: it stays at what is last seen."""
+    """Freeze the curvature beyond the edge of the picture at the last visible value."""
     edge = float(generator.uniform(*EDGE) * readings[CURVATURE].max())
     rows = np.flatnonzero(readings[CURVATURE] > edge)
     error = 1.0 + EDGE_ERROR * generator.standard_normal(len(rows))
@@ -214,7 +214,7 @@ def cut_off(readings: pd.DataFrame, generator: Generator) -> Happened:
 
 
 def short_lengths(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """On a second day, of the last specimen of each rate, lengths are measured 7 % short."""
+    """Measure lengths 7 % short for the last specimen of each rate, as on a second day."""
     names = [
         _specimens(group)[-1] for _, group in readings.groupby(readings[RATE].round(0), sort=False)
     ]
@@ -224,7 +224,7 @@ def short_lengths(readings: pd.DataFrame, generator: Generator) -> Happened:
 
 
 def slipping_clamp(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """Let the clamp of one specimen give: from a pressure on a part of the bending is lost."""
+    """Let the clamp of one specimen slip: beyond some pressure a part of the bending is lost."""
     name, share = _one(readings, generator), float(generator.uniform(*SLIP))
     rows, found = _rows(readings, name), readings.copy()
     after = rows[int(generator.integers(len(rows) // 3, 2 * len(rows) // 3 + 1)) :]
@@ -235,7 +235,7 @@ def slipping_clamp(readings: pd.DataFrame, generator: Generator) -> Happened:
 
 
 def duplicated_curve(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """Copy the curve of one specimen to another of the same rate."""
+    """Copy the curve of one specimen to a different one of the same rate."""
     name = _one(readings, generator)
     rows = _rows(readings, name)
     rate = readings.loc[rows[0], RATE]
@@ -253,12 +253,12 @@ def duplicated_curve(readings: pd.DataFrame, generator: Generator) -> Happened:
 
 
 def survivors_only(readings: pd.DataFrame, generator: Generator) -> Happened:
-    """Of the most degraded specimens the one that bends least survives; the others are left out."""
+    """Keep only the least bending of the most degraded specimens."""
     rate = readings[RATE].round(0)
     last = readings[rate == rate.max()]
     names = _specimens(last)
     if len(names) < 2:
-        raise ValueError("one specimen alone is the most degraded")
+        raise ValueError("only one specimen has the highest degradation rate")
     bending = {name: float(last.loc[_rows_of(last, name), CURVATURE].mean()) for name in names}
     gone = sorted(names, key=lambda name: bending[name])[1:]
     found = readings[~readings[SPECIMEN].astype(str).isin(gone)].reset_index(drop=True)

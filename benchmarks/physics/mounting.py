@@ -1,11 +1,11 @@
-r"""How an actuator is held and how far its paper is bonded: paper that comes off, clamps that give.
+r"""Mounting and bonding of an actuator: detached paper and compliant clamps.
 
-Physics of their own, which call nothing of `bayesdeg.causes`:
+Independent physics that use nothing of `bayesdeg.causes`:
 
-* `Bond`: over a part of the bottom the paper has come off. The body bends and stretches there
-  without it; the paper, whose free part hangs loose, carries nothing.
-* `Clamp`: the clamped end face stands on springs instead of being held, so that what it carries
-  moves and turns it.
+* `Bond`: the paper has detached from part of the bottom. The body bends and stretches there without
+  it; the loose part of the paper carries no load.
+* `Clamp`: the clamped end face rests on springs instead of being fixed, so its reactions displace
+  and rotate it.
 """
 
 from dataclasses import dataclass, replace
@@ -27,30 +27,28 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 NEAREST = 0.05
-"""Bonding that would end closer than this to a face of the geometry ends there [mm].
+"""Ends of bonding closer than this to a face of the geometry are moved to it [mm].
 
-Half the thickness of the paper: a sharp end means nothing below it, and bricks would be slivers.
+Half the paper thickness: finer resolution is meaningless, and bricks would degenerate.
 """
 
 
 @dataclass(frozen=True)
 class Bond:
-    r"""Where paper has come off the bottom; what is left bonded is a rectangle.
+    r"""Detachment of the paper from the bottom; the bonded part is a rectangle.
 
     Parameters
     ----------
     off_end : float
-        Share of the length over which it has come off, from the free end inwards [–].
+        Detached share of the length, from the free end inwards [–].
     off_clamp : float
-        The same from the clamp outwards [–].
+        The same, from the clamp outwards [–].
     off_edges : float
-        Share of the width, half of it from each edge [–].
+        Detached share of the width, half of it from each edge [–].
 
-    Notes
-    -----
-    Paper that has come off carries nothing. Off the free end and the edges it is a loose flap, for
-    which that is exact as long as it does not rub. Off the clamp it holds if the paper ends there;
-    paper that is gripped by the clamp too would span the part that came off as a tendon.
+    Notes ----- Detached paper carries no load. At the free end and the edges it is a loose flap, so
+    this is exact without friction. At the clamp it holds if the paper ends there; paper gripped by
+    the clamp would span the detached part as a tendon.
 
     Raises
     ------
@@ -70,19 +68,19 @@ class Bond:
     off_edges: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no share."""
+        """Refuse values that are not shares."""
         for name, value in vars(self).items():
             if not 0.0 <= value <= 1.0:
-                raise ValueError(f"{name} of {value:g} is not between 0 and 1")
+                raise ValueError(f"{name} must be between 0 and 1, not {value:g}")
 
     @property
     def is_whole(self) -> bool:
-        """Whether the paper is bonded all over."""
+        """Whether the paper is fully bonded."""
         return not any(vars(self).values())
 
     @property
     def share_off(self) -> float:
-        """Share of the bottom's area from which the paper has come off [–]."""
+        """Detached share of the bottom's area [–]."""
         along = max(1.0 - self.off_end - self.off_clamp, 0.0)
         return 1.0 - along * (1.0 - self.off_edges)
 
@@ -92,20 +90,20 @@ class Bond:
         return begin, max(begin, end), (1.0 - self.off_edges) * half_width
 
     def grown(self, degradation: float, reference: float) -> Self:
-        """Return the bond at a degradation rate, its shares being those at a reference rate [%].
+        """Return the bond at a degradation rate, given shares at a reference rate [%].
 
-        Shares are in proportion to the rate, and 1 at most.
+        Shares are proportional to the rate, and at most 1.
         """
         ratio = degradation / reference
         return replace(self, **{name: min(ratio * v, 1.0) for name, v in vars(self).items()})
 
 
 def bonded_mesh(geometry: Moulded, resolution: Resolution, bond: Bond) -> ActuatorMesh:
-    """Return the half model whose paper is bonded in part; faces end where bonding does.
+    """Return the half model with partly bonded paper; mesh faces end where bonding does.
 
-    An element that is bonded over a part of its length would hardly stretch at all, however small
-    that part is. So a plane of the mesh is put where bonding ends, unless a face of the geometry is
-    within `NEAREST`; a whole bond gives the mesh of `build_mesh`.
+    An element bonded over part of its length would hardly stretch, however small that part. So a
+    mesh plane is placed where bonding ends, unless a face of the geometry is within `NEAREST`; a
+    complete bond gives the mesh of `build_mesh`.
 
     Raises
     ------
@@ -123,7 +121,7 @@ def bonded_mesh(geometry: Moulded, resolution: Resolution, bond: Bond) -> Actuat
     10.5
     """
     if not geometry.constraint.is_membrane:
-        raise ValueError("without a membrane nothing can come off")
+        raise ValueError("without a membrane nothing can detach")
     return detached(build_mesh(geometry, resolution, cuts=cuts_of(geometry, bond)), bond)
 
 
@@ -133,7 +131,7 @@ def cuts_of(geometry: Moulded, bond: Bond) -> Planes:
     Raises
     ------
     ValueError
-        If the bond of a meshed part is not whole: no plane can be put into its mesh.
+        If a user's mesh is only partly bonded: no plane can be inserted into it.
 
     Examples
     --------
@@ -144,7 +142,7 @@ def cuts_of(geometry: Moulded, bond: Bond) -> Planes:
     ([25.0], [2.0])
     """
     if isinstance(geometry, PartGeometry) and not bond.is_whole:
-        raise ValueError("the mesh of a part has no plane where bonding would end")
+        raise ValueError("a user's mesh has no plane where bonding ends")
     x, y, _ = geometry.planes()
     (_, length), (_, half_width), _ = geometry.outer
     begin, end, edge = bond.bonded(length, half_width)
@@ -160,9 +158,9 @@ def _apart(planes: Floats, wanted: tuple[float, ...]) -> Floats:
 
 
 def detached(mesh: ActuatorMesh, bond: Bond) -> ActuatorMesh:
-    """Return a mesh with paper on those of its papered faces alone that are bonded.
+    """Return a mesh with paper only on its bonded faces.
 
-    A face counts as bonded if its middle is.
+    A face counts as bonded if its centre is.
     """
     body, (_, length) = mesh.body, mesh.geometry.outer[0]
     begin, end, edge = bond.bonded(length, mesh.geometry.outer[1][1])
@@ -173,18 +171,18 @@ def detached(mesh: ActuatorMesh, bond: Bond) -> ActuatorMesh:
 
 @dataclass(frozen=True)
 class Clamp:
-    r"""A clamp that gives: the end face stands on springs that are spread evenly over it.
+    r"""A compliant clamp: the end face rests on uniformly distributed springs.
 
     .. math:: P N = -k_n u_x e_x - k_t (u_y e_y + u_z e_z) \quad\text{on } x = 0
 
-    A moment M turns a face of width w and height h by :math:`M/k_\theta`,
+    A moment M rotates a face of width w and height h by :math:`M/k_\theta`,
     :math:`k_\theta = k_n w h^3/12`.
 
     Parameters
     ----------
     normal : float
         :math:`k_n`, at moulded size, over C1: a layer of Young's modulus E and thickness t has
-        E/(t C1) or, where it is thin, more [1/mm].
+        E/(t C1) or, if thin, more [1/mm].
     tangential : float
         :math:`k_t`, likewise [1/mm].
 
@@ -198,7 +196,7 @@ class Clamp:
     tangential: float
 
     def turning(self, width: float, height: float) -> float:
-        """Return the stiffness of a full face against turning, k_n w h³/12 [C1 mm³]."""
+        """Return the stiffness of a full face against rotation, k_n w h³/12 [C1 mm³]."""
         return self.normal * width * height**3 / 12.0
 
 
@@ -210,7 +208,7 @@ def end_face(body: Body) -> Indices:
 
 
 def released(body: Body) -> Body:
-    """Return a body of which the plane x = 0 is not held, but for its plane of symmetry.
+    """Return a body whose plane x = 0 is released, except in its plane of symmetry.
 
     Examples
     --------
@@ -276,14 +274,14 @@ def _crossed(degrees: Indices) -> tuple[Indices, Indices]:
 
 @dataclass(frozen=True)
 class Mounting:
-    """How an actuator is made and held.
+    """Bonding and clamping of an actuator.
 
     Parameters
     ----------
     bond : Bond
-        Of its paper.
+        Bond of the paper.
     clamp : Clamp, optional
-        That gives; by default the end face is held.
+        A compliant clamp; by default the end face is fixed.
     """
 
     bond: Bond = Bond()

@@ -210,7 +210,7 @@ def test_a_part_of_tetrahedra_is_simulated_and_is_a_study_again(command, monkeyp
     [
         ('file = "other.msh"', "not there"),
         ('file = "part.stl"', "known format"),
-        ('file = "../part.msh"', "beside study.toml"),
+        ('file = "../part.msh"', "next to study.toml"),
         ("", "file ="),
         ('file = "part.msh"\nmesh_error = 2.0', "mesh_error"),
         ('file = "part.msh"\nchambers = 3', "chambers"),

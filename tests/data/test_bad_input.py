@@ -111,7 +111,7 @@ SLIPS = {
         "actuator.csv", "pressure_kPa", "pressure_kpa", 1, "pressure_kpa", None, "pressure_kPa"
     ),
     "no unit": Slip("moisture.csv", "time_h", "time", 1, "time", None, "in h"),
-    "column twice": Slip("actuator.csv", ",cycle,", ",branch,", 1, "branch", None, "stands twice"),
+    "column twice": Slip("actuator.csv", ",cycle,", ",branch,", 1, "branch", None, "duplicate"),
     "column without name": Slip("break.csv", "elongation_pct", "", 1, None, None, "no name"),
     "no header": Slip(
         "break.csv",

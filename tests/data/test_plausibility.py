@@ -267,7 +267,7 @@ WRONG = {
     "a film ten times too stiff": lambda: Wrong(
         of_films("stress_MPa", 10.0, ["F10-2"]), *STRESS, "slipped decimal", False, "F10-2"
     ),
-    "strain": lambda: Wrong(as_strain(1.0, -1.0), *STRETCH, "likely strain in place of stretch"),
+    "strain": lambda: Wrong(as_strain(1.0, -1.0), *STRETCH, "likely strain instead of stretch"),
     "strain in percent": lambda: Wrong(as_strain(100.0, -1.0), *STRETCH, "likely strain in perc"),
     "stretch in percent": lambda: Wrong(as_strain(100.0, 0.0), *STRETCH, "likely stretch in perc"),
     "pressure in Pa": lambda: Wrong(of_actuators("pressure_kPa", 1e3), *PRESSURE, "likely in Pa"),
@@ -317,7 +317,7 @@ WRONG = {
         of_actuators("bend_angle_deg", 1 / 57.296, angle=True), *ANGLE, "likely in radians"
     ),
     "angle of the other sign": lambda: Wrong(
-        of_actuators("bend_angle_deg", -1.0, angle=True), *ANGLE, "another sign than the curvature"
+        of_actuators("bend_angle_deg", -1.0, angle=True), *ANGLE, "opposite sign of the curvature"
     ),
     "curvature without pressure": lambda: Wrong(
         at_rest(5.0), *CURVATURE, "at zero pressure", False

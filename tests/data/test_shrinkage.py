@@ -84,7 +84,7 @@ def test_impossible_masses_are_refused() -> None:
         volume_ratio(30.0, 15.0, 8.0)
     with pytest.raises(ValueError, match="glycerol alone"):
         volume_ratio_by_mass_average(30.0, 15.0, 8.0)
-    with pytest.raises(ValueError, match="was poured"):
+    with pytest.raises(ValueError, match="its poured mass"):
         volume_ratio(30.0, 31.0, 10.0)
 
 

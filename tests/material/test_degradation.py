@@ -80,7 +80,7 @@ def test_shapes_over_walkers_and_specimens():
 
 
 def test_coinciding_nodes_are_refused():
-    with pytest.raises(ValueError, match="differ"):
+    with pytest.raises(ValueError, match="distinct"):
         lagrange_weights(3.0, (0.0, 0.0, 25.0))
 
 

@@ -170,7 +170,7 @@ def test_errors_of_one_line_go_together(tmp_path):
     [
         (lambda t: t[t["point"] < 4], "has 3 points"),
         (lambda t: t.assign(x_mm=10 * t["x_mm"], y_mm=10 * t["y_mm"]), "is 430 mm long"),
-        (lambda t: t.assign(y_mm=None), "where the point"),
+        (lambda t: t.assign(y_mm=None), "coordinates"),
         (lambda t: t.drop(columns="point"), "point: is missing"),
         (lambda t: t.assign(sd_mm=-0.1), "value '-0.1': is below"),
         (lambda t: t.assign(x_mm="left"), "'left': is not"),
@@ -204,7 +204,7 @@ def test_points_and_curvatures_are_not_both_taken(tmp_path):
     folder = written(tmp_path, table([2.0, 6.0]))
     head = "specimen_id,degradation_pct,pressure_kPa,curvature_per_m\n"
     (folder / "actuator.csv").write_text(f"{head}a,0,20,2\n", encoding="utf-8")
-    assert "beside actuator.csv" in faults(folder)[0]
+    assert "together with actuator.csv" in faults(folder)[0]
 
 
 def test_pixels_do_not_say_how_the_base_lies(tmp_path):

@@ -220,7 +220,7 @@ def test_a_map_without_volumes_says_so(folder):
         return replace(swelling(inputs), further=None)
 
     model = assemble(read_study(folder), bare).model
-    with pytest.raises(BayesdegError, match="volumes of cavities"):
+    with pytest.raises(BayesdegError, match="cavity volumes"):
         kinds(model)[0].log_likelihood(model.state(model.table.named(near_medians(model, 1))))
 
 
