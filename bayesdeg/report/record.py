@@ -1,4 +1,4 @@
-"""What ``verdict.json`` and ``run.json`` hold: the records that write, check and read them."""
+"""Records that write, check and read ``verdict.json`` and ``run.json``."""
 
 from collections.abc import Mapping
 from operator import not_
@@ -37,7 +37,7 @@ class EffectEntry(Record):
 
 
 class CandidateEntry(Record):
-    """One cause that was tried, or that could not be: then `probability` is None, `why` says so."""
+    """One candidate cause; if it could not be judged, `probability` is None and `why` says why."""
 
     cause: Text = ""
     probability: Number = Field(default=None, description="null if the cause cannot be judged")
@@ -58,7 +58,7 @@ class CandidateEntry(Record):
 
 
 class ConcentrationEntry(Record):
-    """The branch, cycle, hold or few specimens in which most of a misfit sits."""
+    """The branch, cycle, hold or few specimens with most of the misfit."""
 
     kind: Text = ""
     members: Names = ()
@@ -69,7 +69,7 @@ class ConcentrationEntry(Record):
 
 
 class MisfitEntry(Record):
-    """How far the base model is off, beside the noise; None where there is nothing to judge."""
+    """Misfit of the base model and the noise; None where there is nothing to judge."""
 
     rms_per_m: Number = Field(default=None, description="of curvature [1/m]")
     noise_per_m: Number = Field(default=None, description="of curvature [1/m]")
@@ -90,7 +90,7 @@ class MisfitEntry(Record):
 
     @property
     def sizes(self) -> tuple[float | None, float | None, str, str]:
-        """Misfit and noise of what was read first, its unit, and what it is."""
+        """Misfit and noise of the first kind of reading, its unit and its name."""
         if self.rms_per_m is not None:
             return self.rms_per_m, self.noise_per_m, "1/m", "curvature"
         if self.kind:
@@ -99,20 +99,20 @@ class MisfitEntry(Record):
 
     @property
     def specimens(self) -> tuple[str, ...]:
-        """Those few in which most of the misfit sits, if it does."""
+        """The few specimens with most of the misfit, if any."""
         found = self.concentrated
         return () if found is None or found.kind != "specimen" else found.members
 
 
 class PairEntry(Record):
-    """What an experiment is expected to tell of two causes."""
+    """How well an experiment is expected to separate two causes."""
 
     causes: Names = ()
     expected_log_bayes_factor: Number = None
 
 
 class ExperimentEntry(Record):
-    """A further experiment, the causes it would tell apart, and what it costs."""
+    """A proposed experiment, the causes it would separate, and its cost."""
 
     design: Text = ""
     separates: Names = ()
@@ -127,14 +127,14 @@ class ExperimentEntry(Record):
 
 
 class NamingEntry(Record):
-    """The log Bayes factor that naming takes, and the simulated data that say so."""
+    """The log Bayes factor required for naming, and the simulated data behind it."""
 
     log_bayes_factor: Number = None
     replicates: Number = None
 
 
 class RuptureEntry(Record):
-    """Ruptures against what the base model expects."""
+    """Observed ruptures and the number that the base model expects."""
 
     burst: Number = None
     expected: Number = None
@@ -143,7 +143,7 @@ class RuptureEntry(Record):
 
 
 class CountedLevelEntry(Record):
-    """Actuators of one degradation rate that burst, beside what the model expects."""
+    """Actuators of one degradation rate that burst, and what the model expects."""
 
     degradation_pct: Number = None
     pressure_kPa: Number = Field(  # noqa: N815  a unit
@@ -158,7 +158,7 @@ class CountedLevelEntry(Record):
 
 
 class CountedCauseEntry(Record):
-    """What counts of ruptures say of one cause, or of a cut of all limits alike."""
+    """Evidence of rupture counts for one cause, or for an equal reduction of all limits."""
 
     cause: Text = ""
     log_bayes_factor: Number = Field(default=None, description="[nats]")
@@ -166,7 +166,7 @@ class CountedCauseEntry(Record):
 
 
 class RuptureCountsEntry(Record):
-    """How probable counts of ruptures are; no probability is stated below one in `draws`."""
+    """Probability of the rupture counts; none is stated below one in `draws`."""
 
     source: Text = ""
     levels: tuple[CountedLevelEntry, ...] = ()
@@ -192,7 +192,7 @@ class ContradictionEntry(Record):
 
 
 class SuspectEntry(Record):
-    """A reading or a specimen that is unlikely, by its columns or by what the others predict."""
+    """A reading or specimen that its own columns or the other readings make unlikely."""
 
     file: Text = ""
     specimen: Text | None = None
@@ -239,7 +239,7 @@ class MissingTermEntry(Record):
 
 
 class LevelMisfitEntry(Record):
-    """What one level of a column has of a misfit."""
+    """Share of a misfit in one level of a column."""
 
     level: Text = ""
     readings: Number = None
@@ -249,7 +249,7 @@ class LevelMisfitEntry(Record):
 
 
 class ColumnMisfitEntry(Record):
-    """What the levels of a column have of a misfit; sizes are of `kind`, in `unit`."""
+    """Shares of a misfit in the levels of a column; sizes are of `kind`, in `unit`."""
 
     column: Text = ""
     share_of_misfit: Number = None
@@ -259,7 +259,7 @@ class ColumnMisfitEntry(Record):
 
 
 class DescriptionEntry(Record):
-    """What a misfit looks like that no cause accounts for."""
+    """Description of a misfit that no cause accounts for."""
 
     sentence: Text = ""
     with_causes: Names = Field(default=(), description="active in the model whose misfit it is")
@@ -282,7 +282,7 @@ class OutcomeEntry(Record):
 
 
 class QuestionedEntry(Record):
-    """A parameter calibrated to what its prior all but excludes; bounds None where there is none.
+    """A parameter calibrated to a value that its prior all but excludes; None is no bound.
 
     The bounds are those of the interval that holds 99.9 % of the prior.
     """
@@ -299,10 +299,10 @@ class QuestionedEntry(Record):
 
 
 class AbsorbedEntry(Record):
-    """A parameter of the base model that took up what the model lacks.
+    """A parameter of the base model that absorbs a model error.
 
-    All else is the prior, films and means of replicates: what is known of it without the readings
-    that the model is judged by.
+    "All else" is all other information: the prior, films and means of replicates, without the
+    readings by which the model is judged.
     """
 
     parameter: Text = ""
@@ -341,7 +341,7 @@ class UnusedEntry(Record):
 
 
 class MapNoiseEntry(Record):
-    """By how much two calls of a forward map with the same values differ."""
+    """Difference between two calls of a forward map with the same values."""
 
     kind: Text = ""
     unit: Text = ""
@@ -349,9 +349,9 @@ class MapNoiseEntry(Record):
 
 
 class ForwardMapEntry(Record):
-    """Where a forward map of the user's has no finite answer, and whether it has noise of its own.
+    """How often a user's forward map has no finite answer, and its noise.
 
-    Shares are of vectors at which some reading has no finite prediction.
+    Shares count parameter vectors at which some reading has no finite prediction.
     """
 
     prior_draws: Number = None
@@ -362,7 +362,7 @@ class ForwardMapEntry(Record):
 
 
 class InDoubt(Record):
-    """What a reader of a verdict should know before it is used."""
+    """Warnings to read before a verdict is used."""
 
     unused: tuple[UnusedEntry, ...] = ()
     not_converged: Names = Field(
@@ -431,21 +431,21 @@ class VerdictRecord(FileRecord):
 
     @property
     def is_directed(self) -> bool:
-        """Whether causes were found by the test directed at them, where the misfit shows none."""
+        """Whether only the directed test, not the overall misfit, supports the causes."""
         p_value = self.misfit.p_value
         return bool(self.causes) and p_value is not None and p_value > MISFIT_LEVEL
 
     @property
     def judged(self) -> bool:
-        """Whether the simulation was judged: there was data for it, and the stages worked.
+        """Whether the simulation was judged: data existed and the stages succeeded.
 
-        The outcome alone says so. Misfit and candidates do not: films have no misfit in curvature,
-        and causes that no data tell apart have no probability.
+        Only the outcome says so: films have no misfit in curvature, and causes that the data cannot
+        tell apart have no probability.
         """
         return self.outcome is not Outcome.NOT_JUDGED
 
     def candidate(self, cause: str) -> CandidateEntry | None:
-        """Return what was found for a cause, or None if it was not tried."""
+        """Return the entry of a cause, or None if it was not tried."""
         return next((entry for entry in self.candidates if entry.cause == cause), None)
 
     def why_left_out(self, stage: str) -> str:
@@ -454,7 +454,7 @@ class VerdictRecord(FileRecord):
 
 
 class ComparisonEntry(Record):
-    """A prediction beside the published value of the same quantity."""
+    """A prediction and the published value of the same quantity."""
 
     quantity: Text = ""
     degradation_pct: Number = None
@@ -464,7 +464,7 @@ class ComparisonEntry(Record):
 
 
 class ConvergenceEntry(Record):
-    """Whether the posterior of a model may be used, and why."""
+    """Whether the posterior of a model is usable, and why."""
 
     r_hat_max: Number = None
     ess_min: Number = None
@@ -473,7 +473,7 @@ class ConvergenceEntry(Record):
 
 
 class AccuracyEntry(Record):
-    """How well an emulator predicts a quantity on curves that it was not trained on."""
+    """Accuracy of an emulator for a quantity, on curves that it was not trained on."""
 
     quantity: Text = ""
     rms_pct: Number = None
@@ -483,7 +483,7 @@ class AccuracyEntry(Record):
 
 
 class EmulatorEntry(Record):
-    """The emulator that stood in for the finite element model; all absent where none did."""
+    """The emulator that replaced the finite element model; empty if there was none."""
 
     design: Text = ""
     model_version: Text = Field(default="", description="of the finite element model")
@@ -502,7 +502,7 @@ class EmulatorEntry(Record):
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """Design, version and curves, as far as they are known."""
+        """Design, version and numbers of curves, as far as known."""
         told = {
             "design": self.design,
             "version of the finite element model": self.model_version,
@@ -547,7 +547,7 @@ def _known_criterion(name: str) -> str:
 
 
 class ModelEntry(Record):
-    """What is needed beside its draws to predict with a posterior."""
+    """What predicting with a posterior needs besides its draws."""
 
     parameters: Names = Field(default=(), description="of the base model")
     nodes_pct: RisingNumbers = ()
@@ -601,21 +601,21 @@ class StatisticEntry(Record):
 
 
 class MissingEntry(Record):
-    """Data that are not there, and what that costs."""
+    """Missing data, and what that costs."""
 
     what: Text = ""
     cost: Text = ""
 
 
 class BasisEntry(Record):
-    """A statement of the report, and the data on which it rests."""
+    """A statement of the report and the data behind it."""
 
     statement: Text = ""
     rests_on: Text = ""
 
 
 class TakenInEntry(Record):
-    """How the posterior of one model took in further readings."""
+    """How further readings were added to the posterior of one model."""
 
     method: Text = Field(default="", description="weights, refit or mode")
     effective: Number = Field(default=None, description="effective draws")
@@ -630,7 +630,7 @@ class TakenInEntry(Record):
 
 
 class UpdateEntry(Record):
-    """Readings that entered a finished run; the verdict is the one from before."""
+    """Readings added to a finished run; the verdict is the earlier one."""
 
     run: Text = Field(default="", description="the run folder that was updated")
     times: Number = Field(default=None, description="updates since the study was run")
