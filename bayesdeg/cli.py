@@ -1,4 +1,4 @@
-"""The command line: ``bayesdeg run STUDY`` and what stands around it, with its exit codes."""
+"""The command line ``bayesdeg``: commands and exit codes."""
 
 import errno
 import io
@@ -30,8 +30,8 @@ for command in COMMANDS:
     app.command(command.name, epilog=command.epilog)(command.call)
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
-INTERRUPTED = 130  # what typer returns of a command that Ctrl-C stopped
-_requests: list[int] = []  # signals that asked this process to end
+INTERRUPTED = 130  # typer's return value after Ctrl-C
+_requests: list[int] = []  # received signals to end this process
 
 
 def _print_version(wanted: bool) -> None:
@@ -49,7 +49,7 @@ def group(
         ),
     ] = False,
 ) -> None:
-    """Offer what all commands share; its own help is that of the group."""
+    """Options common to all commands; this docstring is not shown as help."""
 
 
 def main() -> None:
@@ -61,11 +61,11 @@ def main() -> None:
         code = exit_code()
     except KeyboardInterrupt:  # a second signal, while the first was being answered
         code = STOPPED
-    except OSError:  # nothing can be said any more: the terminal is gone
+    except OSError:  # the terminal is gone, so nothing can be printed
         code = STOPPED
-    signals.ignore()  # what is done is done
+    signals.ignore()  # ignore further signals
     if code != DONE:
-        # at once: worker processes end with this one, whatever they are at
+        # at once: worker processes end with this one, whatever they are doing
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
@@ -74,7 +74,7 @@ def main() -> None:
 
 
 def _give_back_semaphores() -> None:
-    """Remove what workers shared: else the system is told of it as leaked, on the terminal."""
+    """Release semaphores of workers, or Python prints warnings about leaks on the terminal."""
     util = sys.modules.get("multiprocessing.util")
     if util is not None:
         with suppress(Exception):  # nothing may keep the command from ending
@@ -82,16 +82,16 @@ def _give_back_semaphores() -> None:
 
 
 def _stop(number: int, _frame: FrameType | None) -> None:
-    """Take any request to end as if the user had pressed Ctrl-C."""
+    """Treat any signal to end as Ctrl-C."""
     _requests.append(number)
     raise KeyboardInterrupt
 
 
 def _ended() -> object:
-    """Run the command; any fault after a request to end is that request.
+    """Run the command; an exception after a signal to end counts as that signal.
 
-    A library that is interrupted half-way (an extension that is being imported, a pool whose
-    workers heard the signal too) may raise what it likes.
+    A library that is interrupted half-way (an extension being imported, a pool whose workers
+    received the signal too) may raise anything.
     """
     try:
         ended = app(standalone_mode=False)
@@ -107,7 +107,7 @@ def _ended() -> object:
 
 
 def exit_code() -> int:
-    """Run the command that stands in ``sys.argv``; return its exit code."""
+    """Run the command in ``sys.argv``; return its exit code."""
     try:
         ended = _ended()
     except StudyError as fault:
@@ -121,18 +121,18 @@ def exit_code() -> int:
         errors.print(str(stopped), soft_wrap=True)
         return STOPPED
     except (KeyboardInterrupt, typer.Abort):
-        errors.print("stopped; the same command goes on where this run stopped")
+        errors.print("stopped; the same command continues where it stopped")
         return STOPPED
     except MemoryError:
         _say("there is not enough memory; close other programs, or make the study smaller")
         return STOPPED
     except BrokenExecutor:
         _say(
-            "a worker process was ended from outside, as systems do that run out of memory; give "
-            "the same command again, with --workers 1 it needs less"
+            "a worker process was killed from outside, possibly for lack of memory; repeat the "
+            "command, with --workers 1 to use less"
         )
         return STOPPED
-    except (BrokenPipeError, SystemExit):  # rich's: whoever read the output has seen enough
+    except (BrokenPipeError, SystemExit):  # rich's: the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return DONE
     except OSError as fault:
@@ -141,7 +141,7 @@ def exit_code() -> int:
         if not no_room(fault):
             return _our_fault()
         place = f" for {fault.filename}" if fault.filename else ""
-        _say(f"there is no room{place} ({reason(fault)}); make room and repeat the command")
+        _say(f"no space left{place} ({reason(fault)}); free some space and repeat the command")
         return STOPPED
     except Exception as fault:
         if hasattr(fault, "format_message") and hasattr(fault, "exit_code"):  # click's usage errors
@@ -151,9 +151,9 @@ def exit_code() -> int:
 
 
 def _our_fault() -> int:
-    """Print the fault that is being handled, to be sent to us."""
+    """Print the current exception for the user to send to us."""
     traceback.print_exc()
-    errors.print(f"This is a fault of bayesdeg {bayesdeg.__version__}: please send us the above.")
+    errors.print(f"This is a fault in bayesdeg {bayesdeg.__version__}: please send us the above.")
     return OUR_FAULT
 
 

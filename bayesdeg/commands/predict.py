@@ -121,7 +121,7 @@ def _show(stored: StoredRun, table: pd.DataFrame) -> None:
 def _of_own(
     report: Path, x: list[str], *, base: bool, seed: int | None, out: Path | None, as_json: bool
 ) -> None:
-    """Predict with a forward map of one's own."""
+    """Predict with a user's forward map."""
     stored = read_own(report, base=base)
     block = stored.own.readings[0]
     at = inputs_of(x, list(block.x))

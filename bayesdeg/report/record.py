@@ -45,13 +45,13 @@ class CandidateEntry(Record):
     log_bayes_factor_error: Number = Field(default=None, description="Monte Carlo error [nats]")
     elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
     elpd_diff_se: Number = None
-    explained_fraction: Number = Field(default=None, description="of what there is to explain")
+    explained_fraction: Number = Field(default=None, description="of the misfit beyond chance")
     effect: Mapping[str, EffectEntry] = Field(default={}, description="by parameter of the cause")
     mechanism: Text = ""
     naming_p_value: Number = Field(
         default=None,
         exclude_if=is_absent,
-        description="share of data simulated without the cause that favour the best as much",
+        description="share of data simulated without the cause that favour the best cause as much",
     )
     why: Text = Field(default="", exclude_if=is_absent, description="why it cannot be judged")
     judged_by: Text = Field(default="", exclude_if=is_absent, description="full fit or screening")
@@ -85,7 +85,11 @@ class MisfitEntry(Record):
     )
     rms: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
     noise: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
-    kind: Text = Field(default="", exclude_if=is_absent, description="what else was read")
+    kind: Text = Field(
+        default="",
+        exclude_if=is_absent,
+        description="kind of reading, if neither curvature nor stress",
+    )
     unit: Text = Field(default="", exclude_if=is_absent, description="of `kind`")
 
     @property
@@ -151,10 +155,10 @@ class CountedLevelEntry(Record):
     )
     tested: Number = None
     ruptured: Number = None
-    probability: Number = Field(default=None, description="of one actuator to burst, not below 1/n")
+    probability: Number = Field(default=None, description="that one actuator bursts, not below 1/n")
     probability_q05: Number = None
     probability_q95: Number = None
-    count_probability: Number = Field(default=None, description="of as many as burst")
+    count_probability: Number = Field(default=None, description="of as many ruptures")
 
 
 class CountedCauseEntry(Record):
@@ -162,7 +166,7 @@ class CountedCauseEntry(Record):
 
     cause: Text = ""
     log_bayes_factor: Number = Field(default=None, description="[nats]")
-    p_value: Number = Field(default=None, description="of the counts with it")
+    p_value: Number = Field(default=None, description="of the counts with this cause")
 
 
 class RuptureCountsEntry(Record):
@@ -171,11 +175,13 @@ class RuptureCountsEntry(Record):
     source: Text = ""
     levels: tuple[CountedLevelEntry, ...] = ()
     probability: Number = Field(default=None, description="of exactly these counts, not below 1/n")
-    p_value: Number = Field(default=None, description="of counts that are no more probable")
+    p_value: Number = Field(default=None, description="of counts no more probable than these")
     draws: Number = Field(default=None, description="n, posterior draws")
     contradicted: bool = Field(default=False, strict=True)
     criteria: Numbers = Field(default={}, description="p-values by the other criteria of rupture")
-    explained_by: Names = Field(default=(), description="a cause, or several not told apart")
+    explained_by: Names = Field(
+        default=(), description="a cause, or several that cannot be told apart"
+    )
     tried: tuple[CountedCauseEntry, ...] = ()
     sentence: Text = ""
 
@@ -200,32 +206,34 @@ class SuspectEntry(Record):
     value: Scalar = None
     why: Text = ""
     specimens: Names = Field(default=(), exclude_if=not_, description="if several")
-    oddity: Text = Field(default="", exclude_if=is_absent, description="in which way it is odd")
+    oddity: Text = Field(default="", exclude_if=is_absent, description="how it is odd")
     size: Number = Field(default=None, exclude_if=is_absent)
     score: Number = Field(
         default=None,
         exclude_if=is_absent,
-        description="standard deviations off what all others predict",
+        description="standard deviations from what all others predict",
     )
     p_value: Number = Field(
-        default=None, exclude_if=is_absent, description="of such a score, times those looked at"
+        default=None, exclude_if=is_absent, description="of such a score, times the number examined"
     )
     readings: Number = Field(
-        default=None, exclude_if=is_absent, description="rows set aside, of whole specimens all"
+        default=None,
+        exclude_if=is_absent,
+        description="rows set aside; all rows of whole specimens",
     )
     set_aside: bool = Field(
         default=False,
         strict=True,
         exclude_if=not_,
-        description="whether the calibration is without it",
+        description="whether it is excluded from the calibration",
     )
 
 
 class MissingTermEntry(Record):
     """A term in known quantities that removes part of a misfit; sizes in `unit`."""
 
-    formula: Text = Field(default="", description="of the reading with it, b its size")
-    columns: Names = Field(default=(), description="what it is a function of")
+    formula: Text = Field(default="", description="the reading with the term, b its size")
+    columns: Names = Field(default=(), description="quantities that it depends on")
     size: Number = None
     q05: Number = None
     q95: Number = None
@@ -235,7 +243,7 @@ class MissingTermEntry(Record):
     elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
     elpd_diff_se: Number = None
     alike: Names = Field(default=(), description="terms that fit as well, the best first")
-    count_alike: Number = Field(default=None, description="how many there are")
+    count_alike: Number = Field(default=None, description="their number")
 
 
 class LevelMisfitEntry(Record):
@@ -262,14 +270,14 @@ class DescriptionEntry(Record):
     """Description of a misfit that no cause accounts for."""
 
     sentence: Text = ""
-    with_causes: Names = Field(default=(), description="active in the model whose misfit it is")
+    with_causes: Names = Field(default=(), description="causes in the model with this misfit")
     terms: tuple[MissingTermEntry, ...] = ()
     columns: tuple[ColumnMisfitEntry, ...] = ()
     p_value: Number = Field(default=None, description="of the best of all terms")
     tried: Number = Field(default=None, description="terms that were tried")
     replicates: Number = Field(default=None, description="simulated data sets behind p_value")
     next_experiments: tuple[ExperimentEntry, ...] = Field(
-        default=(), description="which would tell the best terms apart"
+        default=(), description="experiments that would tell the best terms apart"
     )
 
 
@@ -366,7 +374,8 @@ class InDoubt(Record):
 
     unused: tuple[UnusedEntry, ...] = ()
     not_converged: Names = Field(
-        default=(), description="calibrations that missed the criteria of their effort, and by what"
+        default=(),
+        description="calibrations that missed the criteria of their effort, with diagnostics",
     )
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
@@ -391,10 +400,10 @@ class VerdictRecord(FileRecord):
     causes: Names = Field(default=(), description="named, or that cannot be told apart")
     one_of: tuple[Names, ...] = ()
     sets: tuple[Names, ...] = Field(
-        default=(), description="of each list one cause acts; a named one is alone in its list"
+        default=(), description="one cause of each list acts; a named one is alone in its list"
     )
     alternatives: tuple[Names, ...] = Field(
-        default=(), description="sets of causes of which one acts, if they are no such lists"
+        default=(), description="sets of causes of which one acts, if not combinations from lists"
     )
     explanation: Text = ""
     candidates: tuple[CandidateEntry, ...] = Field(default=(), description="best first")
@@ -405,7 +414,7 @@ class VerdictRecord(FileRecord):
     misfit: MisfitEntry = MisfitEntry()
     ruptures: RuptureEntry | None = None
     rupture_counts: tuple[RuptureCountsEntry, ...] = Field(
-        default=(), description="published, and of the study's own actuators"
+        default=(), description="published, and from the study's own actuators"
     )
     contradicted: ContradictionEntry | None = None
     next_experiments: tuple[ExperimentEntry, ...] = ()
@@ -413,7 +422,7 @@ class VerdictRecord(FileRecord):
     description: DescriptionEntry | None = Field(
         default=None,
         exclude_if=is_absent,
-        description="what the misfit looks like, where no cause accounts for it",
+        description="description of a misfit that no cause accounts for",
     )
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
@@ -422,10 +431,10 @@ class VerdictRecord(FileRecord):
     with_suspects: OutcomeEntry | None = Field(
         default=None,
         exclude_if=is_absent,
-        description="the outcome with all that was set aside; only there if something was",
+        description="the outcome with nothing set aside; present only if something was",
     )
     forward_map: ForwardMapEntry | None = Field(
-        default=None, exclude_if=is_absent, description="of a study with its own forward map"
+        default=None, exclude_if=is_absent, description="for a study with its own forward map"
     )
     left_out: tuple[LeftOutEntry, ...] = ()
 
@@ -492,12 +501,14 @@ class EmulatorEntry(Record):
     curves_cut_short: Number = None
     mesh_error_pct: Number = None
     accuracy: tuple[AccuracyEntry, ...] = ()
-    error_pct: Number = Field(default=None, description="in curvature, with the mesh's [%]")
+    error_pct: Number = Field(
+        default=None, description="in curvature, including the mesh error [%]"
+    )
     record: Text = Field(default="", description="how it was trained, in words")
     refusals: Text = Field(default="", description="how many proposals it refused, in words")
-    refused_inputs: Texts = Field(default={}, description="of new specimens, and why")
+    refused_inputs: Texts = Field(default={}, description="for new specimens, and why")
     training: Mapping[str, object] = Field(
-        default={}, description="its own record, by which it is known"
+        default={}, description="its own record, which identifies it"
     )
 
     @property
@@ -516,13 +527,13 @@ class BurstEntry(Record):
     """Actuators that burst, as they were recorded or published."""
 
     degradation_pct: Number = None
-    burst: Number = Field(default=None, description="how many")
-    tested: Number = Field(default=None, description="of how many, where that is known")
+    burst: Number = Field(default=None, description="number that burst")
+    tested: Number = Field(default=None, description="number tested, if known")
     pressure_kPa: Number = Field(  # noqa: N815  a unit
-        default=None, description="at which it burst; null if it was not recorded"
+        default=None, description="pressure at which it burst; null if not recorded"
     )
     survived_kPa: Number = Field(  # noqa: N815  a unit
-        default=None, description="largest that it survived before; null if none was recorded"
+        default=None, description="largest pressure survived before; null if none recorded"
     )
     source: Text = ""
 
@@ -556,29 +567,31 @@ class ModelEntry(Record):
     largest_pressure_kPa: PositiveNumber = None  # noqa: N815  a unit
     measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
     rupture_criterion: Annotated[Text, AfterValidator(_known_criterion)] = Field(
-        default="", exclude_if=is_absent, description="what is held against the elongation at break"
+        default="",
+        exclude_if=is_absent,
+        description="measure that is compared with the elongation at break",
     )
     rupture_size_ratio: Number = Field(
         default=None,
         exclude_if=is_absent,
-        description="volume of the actuator as moulded over that of a film that is stretched",
+        description="volume of the moulded actuator over that of a stretched film",
     )
     reading_operator: Text = Field(
         default="", exclude_if=is_absent, description="how curvature was read, if not by its angle"
     )
     reading_points: Number = Field(
-        default=None, exclude_if=is_absent, description="points that it was read of"
+        default=None, exclude_if=is_absent, description="number of points it was read from"
     )
     reading_of_line: bool = Field(
         default=False,
         exclude_if=not_,
-        description="whether the bend angle was read of the same points",
+        description="whether the bend angle was read from the same points",
     )
     material_law: Annotated[Text, AfterValidator(_known_law)] = Field(
-        default="", exclude_if=is_absent, description="the law of the material, if not Yeoh's"
+        default="", exclude_if=is_absent, description="material law, if not Yeoh's"
     )
     stiffening: PositiveNumber = Field(
-        default=None, exclude_if=is_absent, description="C3/C1, where C3 is no parameter"
+        default=None, exclude_if=is_absent, description="C3/C1, where C3 is not a parameter"
     )
     rupture_checks: Count = Field(
         default=None,
@@ -589,7 +602,7 @@ class ModelEntry(Record):
     )
     averaged: tuple[MemberEntry, ...] = Field(
         default=(),
-        description="sets of causes that cannot be told apart, of which posterior_averaged.nc is",
+        description="sets of causes that cannot be told apart, averaged in posterior_averaged.nc",
     )
 
 
@@ -638,11 +651,11 @@ class UpdateEntry(Record):
     readings: Number = Field(default=None, description="new rows")
     added_sha256: Text = Field(default="", description="SHA-256 of added.csv")
     posteriors: Mapping[str, TakenInEntry] = Field(default={}, description="by model")
-    as_before: Names = Field(default=(), description="files that are those of the run before")
+    as_before: Names = Field(default=(), description="files kept from the earlier run")
     not_averaged: tuple[MemberEntry, ...] = Field(
         default=(),
-        description="sets of causes over which the run before was averaged; predictions are those "
-        "with the first",
+        description="sets of causes over which the earlier run was averaged; predictions are now "
+        "those with the first",
     )
 
 
@@ -667,7 +680,7 @@ class RunRecord(FileRecord):
         default=True,
         strict=True,
         exclude_if=bool,
-        description="false where nothing of the study does, and the report does not speak of it",
+        description="false if nothing in the study degrades",
     )
     note: Text = ""
     seed: SeedNumber = None
@@ -678,7 +691,7 @@ class RunRecord(FileRecord):
     seconds: Numbers = Field(default={}, description="wall time by stage [s]")
     memory: Numbers = Field(
         default={},
-        description="largest resident memory by process [MB], where the system says",
+        description="largest resident memory by process [MB], if available",
     )
     counts: Numbers = Field(default={}, description="of draws, proposals and refusals")
     missing: tuple[MissingEntry, ...] = ()
@@ -687,19 +700,19 @@ class RunRecord(FileRecord):
     emulator: EmulatorEntry = EmulatorEntry()
     model: ModelEntry | None = None
     forward: Text = Field(
-        default="", exclude_if=is_absent, description="a forward map of one's own, where it stands"
+        default="", exclude_if=is_absent, description="where the user's forward map is defined"
     )
     forward_map: ForwardMapEntry | None = Field(
         default=None, exclude_if=is_absent, description="as in verdict.json"
     )
     misfit: StatisticEntry = StatisticEntry()
     comparisons: tuple[ComparisonEntry, ...] = ()
-    checks: Texts = Field(default={}, description="what each check came to, in words")
+    checks: Texts = Field(default={}, description="result of each check, in words")
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     unused: tuple[UnusedEntry, ...] = Field(default=(), description="rows that no likelihood uses")
     posteriors: Texts = Field(default={}, description="SHA-256 of the posteriors")
     update: UpdateEntry | None = Field(
-        default=None, exclude_if=is_absent, description="readings that entered since the run"
+        default=None, exclude_if=is_absent, description="readings added since the run"
     )
     left_out: tuple[LeftOutEntry, ...] = ()

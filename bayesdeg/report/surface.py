@@ -595,7 +595,7 @@ def write_surface(folder: Path, surface: Surface) -> None:
 
 
 def read_surface(folder: Path) -> Surface | None:
-    """Read what `write_surface` wrote; None if there is nothing.
+    """Read the file of `write_surface`; None if there is none.
 
     Raises
     ------
@@ -627,6 +627,6 @@ def _check(surface: Surface) -> None:
     count = {len(a) for a in (surface.faces, surface.on_cut, surface.in_cavity)}
     known = min((len(shape.stretch) for shape in surface.shapes), default=0)
     if len(count) != 1 or surface.faces.shape[1] not in (4, 9):
-        raise ValueError("faces and their flags do not go together")
+        raise ValueError("faces and their flags differ in number")
     if not surface.shapes or surface.faces.min() < 0 or surface.faces.max() >= known:
-        raise ValueError("a face names a node that is not there")
+        raise ValueError("a face names a node that does not exist")

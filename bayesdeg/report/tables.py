@@ -219,7 +219,9 @@ _TABLES = (
             _DEGRADATION,
             Column("along", "as stated", "pressure [kPa] or stretch [–]"),
             Column("discrepancy", "as read", "smooth discrepancy of the model"),
-            Column("residual", "as read", "reading less model, fitted together with the discrepancy"),
+            Column(
+                "residual", "as read", "reading less model, fitted together with the discrepancy"
+            ),
         ),
     ),
     ResultTable(
@@ -267,7 +269,10 @@ _TABLES = (
     ResultTable(
         CRITERIA,
         (
-            _text("criterion", "measure of the wall's state that is compared with the elongation at break"),
+            _text(
+                "criterion",
+                "measure of the wall's state that is compared with the elongation at break",
+            ),
             _DEGRADATION,
             _PRESSURE,
             Column("probability", "–", "probability of rupture up to this pressure by it"),
@@ -297,7 +302,11 @@ _TABLES = (
             _text("kind", "what was read"),
             _text("unit", "unit of the readings"),
             _SPECIMEN,
-            Column("level", "as stated", "degradation rate, or another quantity that was set for a specimen"),
+            Column(
+                "level",
+                "as stated",
+                "degradation rate, or another quantity that was set for a specimen",
+            ),
             _text("level_unit", "unit of the level"),
             _text("history", "branch, cycle and mount, or another history of loading"),
             Column("along", "as stated", "what was varied in the test"),
@@ -399,7 +408,11 @@ _TABLES = (
             Column("prior", "–", "change of its posterior per doubling of the priors' power"),
             Column("likelihood", "–", "the same for the likelihood"),
             Column("prior_noise", "–", "the change that unrelated draws would show for the priors"),
-            Column("likelihood_noise", "–", "the change that unrelated draws would show for the likelihood"),
+            Column(
+                "likelihood_noise",
+                "–",
+                "the change that unrelated draws would show for the likelihood",
+            ),
             Column("shift_sd", "–", "shift of its mean over its sd per doubling of the priors"),
             _text("diagnosis", "data, prior, prior and data, or neither"),
             _text("hangs_on", "parameter whose own prior matters most"),
@@ -426,7 +439,11 @@ _TABLES = (
             _text("film_id", "the film; empty for the band"),
             Column("time_h", "h", "time in the soil"),
             Column("moisture_pct", "%", "measured moisture content, wet basis"),
-            Column("degradation_pct", "%", "degradation rate of a film relative to the mean fresh moisture"),
+            Column(
+                "degradation_pct",
+                "%",
+                "degradation rate of a film relative to the mean fresh moisture",
+            ),
             *_quantiles("%", 5, 25, 50, 75, 95),
             *_quantiles("%", 5, 50, 95, prefix="moisture_"),
         ),
@@ -440,7 +457,11 @@ _TABLES = (
             Column("risk", "–", "largest probability of rupture that is accepted"),
             *_quantiles("%", 5, 50, 95, prefix="degradation_"),
             *_quantiles("1/m", 5, 50, 95, suffix="_per_m"),
-            Column("burst_probability", "–", "probability of having burst, ballooned or left the emulator's range by then"),
+            Column(
+                "burst_probability",
+                "–",
+                "probability of having burst, ballooned or left the emulator's range by then",
+            ),
             *_quantiles("–", 5, 95, prefix="burst_"),
             Column("lost_probability", "–", "probability of bending less than wanted by then"),
             Column("failed_probability", "–", "probability of either by then"),
@@ -595,7 +616,11 @@ _TABLES = (
             _text("measured_source", "source of that measurement"),
             *_quantiles("as stated", 5, 50, 95, prefix="base_"),
             *_quantiles("as stated", 5, 50, 95, prefix="after_"),
-            Column("moved_sd", "–", "shift of the base posterior from all other information, in sd of that"),
+            Column(
+                "moved_sd",
+                "–",
+                "shift of the base posterior from all other information, in sd of that",
+            ),
             Column("learned", "–", "share of the variance removed by the readings"),
             Column("score_sd", "–", "the same in sd of what a correct model gives"),
             Column("p_value", "–", "of the readings alone against all other information"),
@@ -626,7 +651,11 @@ _TABLES = (
             _text("unit", "unit of its size"),
             Column("size", "as stated", "its size"),
             *_quantiles("as stated", 5, 95),
-            Column("behind", "–", "log-likelihood gained less than by the term taken, allowing for complexity"),
+            Column(
+                "behind",
+                "–",
+                "log-likelihood gained less than by the term taken, allowing for complexity",
+            ),
             Column("share", "–", "share of the misfit removed by it and those before it"),
             Column("p_value", "–", "share of simulated data in which the best term gains as much"),
             _log("elpd_diff", "gain in log predictive density of held-out specimens"),
