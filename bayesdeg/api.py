@@ -1,9 +1,9 @@
-"""The verbs and nouns of the library, offered by ``import bayesdeg as bd``.
+"""The public functions of the library, for ``import bayesdeg as bd``.
 
-Read a study, calibrate its model, criticise it, name the cause, compare, predict, report. A verb
-returns a value that prints as a user wants to read it, shows as HTML in a notebook, and gives tidy
-frames; nothing is changed in place. The same seed gives the same result, whatever the number of
-workers. Progress is shown on standard error on a terminal.
+Read a study, calibrate its model, criticise it, name the cause, compare, predict, report. Each
+function returns a value that prints readably, shows as HTML in a notebook and gives tidy frames;
+nothing is changed in place. The same seed gives the same result, whatever the number of workers.
+On a terminal, progress is shown on standard error.
 """
 
 import os
@@ -60,12 +60,12 @@ def emulator(
     progress: bool | None = None,
     backend: Backend | str = Backend.KERNELS,
 ) -> Surrogate:
-    """Return an emulator of an actuator: shipped, trained here before, or trained now.
+    """Return an emulator of an actuator: shipped, trained earlier, or trained now.
 
-    Of a study it is trained where the study lies, as by ``bayesdeg run``, in minutes; each finds
-    what the other trained. Of dimensions alone it is trained over the whole range of materials and
-    causes, which takes hours. What is solved is kept in ``.cache/campaign``, so that an interrupted
-    training goes on.
+    For a study it is trained in the study's region of the input space, as by ``bayesdeg run``, in
+    minutes; each finds emulators trained by the other. For dimensions alone it is trained over the
+    whole range of materials and causes, which takes hours. Solutions are kept in
+    ``.cache/campaign``, so an interrupted training can continue.
 
     Parameters
     ----------
@@ -74,29 +74,29 @@ def emulator(
     cache : Path
         Folder of trained emulators.
     workers : int, optional
-        Processes; by default one for each core.
+        Number of processes; by default one per core.
     progress : bool, optional
-        Whether to show how far it is; by default on a terminal.
+        Whether to show progress; by default on a terminal.
     backend : {"kernels", "scikit-fem"}
-        What assembles the finite elements that it is trained on. With scikit-fem, which takes
-        forty times as long, one is trained even if the package has one.
+        Finite element assembly for training. With scikit-fem, which is forty times slower, one is
+        trained even if the package has one.
 
     Returns
     -------
     Surrogate
-        Callable with inputs; it refuses to extrapolate.
+        A callable that refuses to extrapolate.
 
     Warns
     -----
     UserWarning
-        Before an emulator of dimensions alone is trained: how long that takes.
+        Before training an emulator for dimensions alone: how long that takes.
 
     Raises
     ------
     GeometryError
-        If no actuator can be made of the dimensions.
+        If no actuator can be made with the dimensions.
     BayesdegError
-        If it is an actuator that no emulator can be trained for, or the backend is unknown.
+        If no emulator can be trained for the actuator, or the backend is unknown.
     """
     wanted = can_show_bars() if progress is None else progress
     if backend not in list(Backend):
@@ -104,7 +104,10 @@ def emulator(
     manner = Manner(yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend))
     if isinstance(geometry, Study) and geometry.actuator is not None:
         refuse_cells(geometry.settings, manner.backend)
-        with _work(False, workers, parallel=True) as (_, executor):  # training shows its own
+        with _work(False, workers, parallel=True) as (
+            _,
+            executor,
+        ):  # training shows its own progress
             try:
                 of_study = emulator_for(geometry, None, manner=manner, executor=executor)
             except Stopped as stop:
@@ -117,7 +120,7 @@ def emulator(
 def _of_whole_range(
     shape: Moulded, manner: Manner, workers: int | None, progress: bool | None
 ) -> Surrogate:
-    """Return an emulator of the whole range, which is trained if there is none yet."""
+    """Return an emulator of the whole range; train it if there is none."""
     refuse_whole_range(shape)
     found = find(shape, recipe=manner.recipe, cache=manner.cache)
     if found.surrogate is not None:
@@ -128,8 +131,8 @@ def _of_whole_range(
         study = rough_seconds(shape.dimensions, shape.constraint, workers=campaign.workers)
         _warn(
             [
-                f"training over the whole range takes {duration(expectation.seconds)}; of a study, "
-                f"bayesdeg.emulator(study) trains where the study lies, {duration(study)}"
+                f"training over the whole range takes {duration(expectation.seconds)}; for a "
+                f"study, bayesdeg.emulator(study) trains only where it needs it, in {duration(study)}"
             ]
         )
         trained = train_emulator(campaign, expectation, show)
@@ -151,38 +154,38 @@ def calibrate(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> Calibration:
-    """Calibrate a model: mode, evidence, and draws of the posterior until they are enough.
+    """Calibrate a model: mode, evidence, and posterior draws until the criteria are met.
 
     Parameters
     ----------
     model : Model
         With or without causes.
     effort : {"quick", "standard", "thorough"}, optional
-        By default that of the study; ``standard`` of other models.
+        By default that of the study; ``standard`` for other models.
     seed : int, optional
-        By default that of the study; 0 of other models. With the same seed the base model of a
+        By default that of the study; 0 for other models. With the same seed the base model of a
         study is calibrated as by ``bayesdeg run``.
     workers : int, optional
-        Processes; by default one for each core. Forward maps and causes of one's own stay in this
+        Number of processes; by default one per core. Your own forward maps and causes run in this
         process.
     progress : bool, optional
-        Whether to show how far it is; by default on a terminal.
+        Whether to show progress; by default on a terminal.
 
     Returns
     -------
     Calibration
-        ``.posterior``, ``.summary()``; prints and shows as a table.
+        Has ``.posterior`` and ``.summary()``; prints as a table.
 
     Warns
     -----
     UserWarning
-        Where a forward map of your own has no finite answer, and if two calls with the same
-        values differ.
+        If your forward map has no finite answer somewhere, or if two calls with the same values
+        differ.
 
     Raises
     ------
     BayesdegError
-        If the effort does not exist, or the density is zero wherever sampling could start.
+        If the effort is unknown, or the density is zero at every possible start.
 
     Examples
     --------
@@ -215,17 +218,17 @@ def criticise(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> Verdict:
-    """Say what is wrong with a calibrated model, if anything: which cause, several, or unknown.
+    """Find what is wrong with a calibrated model, if anything: one cause, several, or unknown.
 
-    The misfit is compared with that of data simulated from the model; causes are added as long as
-    the evidence passes what chance gives, and held-out specimens must agree.
+    The misfit is compared with that of data simulated from the model. Causes are added while the
+    evidence exceeds what chance gives, and held-out specimens must agree.
 
     Parameters
     ----------
     base : Calibration
-        Of a model without causes.
+        Calibration of a model without causes.
     causes : "all" or list of str or Cause
-        Candidates: the catalogue, or some of it, or causes of one's own.
+        Candidates: the catalogue, part of it, or your own causes.
     effort, seed, optional
         By default those of the calibration.
     workers, progress, optional
@@ -239,7 +242,7 @@ def criticise(
     Raises
     ------
     BayesdegError
-        If a cause does not exist, there is none to try, or the model has causes already.
+        If a cause is unknown, there is none to try, or the model already has causes.
     """
     fit = _calibration(base)
     how, number = _effort(effort or fit.effort), _seed(seed, fit.seed)
@@ -257,14 +260,14 @@ def compare(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Compare how well models predict specimens that took no part in their calibration.
+    """Compare how well models predict held-out specimens.
 
     Parameters
     ----------
     base : Calibration
-        With which the others are compared.
+        The calibration that the others are compared with.
     *others : Calibration
-        Of the same readings.
+        Calibrations to the same readings.
     seed, workers, progress, optional
         As of `calibrate`.
 
@@ -273,13 +276,13 @@ def compare(
     DataFrame
         The columns of ``gain.csv``, a row for each model and degradation rate and for all of them:
         ``elpd`` and its difference to the base model with standard errors [nats], ``rmse_per_m``,
-        ``crps_per_m`` [1/m], ``r_squared``, and coverage of 50 and 90 % intervals. Of readings of
-        one's own ``level``, ``rmse`` and ``crps`` stand in their places.
+        ``crps_per_m`` [1/m], ``r_squared``, and coverage of 50 and 90 % intervals. For your own
+        readings, ``level``, ``rmse`` and ``crps`` replace them.
 
     Raises
     ------
     BayesdegError
-        If there are too few specimens to leave any out, or readings or names are not the same.
+        If there are too few specimens to leave any out, or readings or names differ.
     """
     fits = {one.model.name: _calibration(one) for one in (base, *others)}
     if len(fits) <= len(others):
@@ -292,11 +295,11 @@ def compare(
         subject = trials[0].subject
         if not can_be_held_out(subject):
             raise BayesdegError(
-                "there is no specimen that could be left out; say whose each reading is, "
+                "there is no specimen to leave out; name the specimen of each reading, "
                 "Readings(..., specimen=), or measure more specimens"
             )
         if any(not np.array_equal(t.subject.observed, subject.observed) for t in trials):
-            raise BayesdegError("models that are compared must be of the same readings")
+            raise BayesdegError("models that are compared must have the same readings")
         number = _seed(seed, base.seed)
         plans = (one_by_one(trial, experiment.folds(number)) for trial in trials)
         found = carried_out(plans, executor, lambda _: show.advance(1))
@@ -314,54 +317,54 @@ def predict(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Predict what a new specimen will show.
+    """Predict the readings of a new specimen.
 
     Parameters
     ----------
     fit : Calibration
         Of any model.
     pressure, degradation : float or array
-        Of actuators: pressures as read [kPa] and degradation rates [%], every combination. Of a
-        study in which nothing degrades the rate is 0 by default.
+        For actuators: pressures as read [kPa] and degradation rates [%], in every combination. In
+        a study in which nothing degrades the rate is 0 by default.
     hours : float or array
-        In place of degradation rates: times in the soil [h], from which the rates follow by the
-        moisture of films, with their uncertainty.
+        Instead of degradation rates: times in the soil [h], converted to rates with the moisture
+        of films and its uncertainty.
     x : array or DataFrame
-        Of readings of one's own: what the forward map is asked.
+        For your own readings: the inputs of the forward map.
     conditions : ServiceConditions
-        Of actuators: by default a prompt first loading in a horizontal mount. Active causes move
-        predictions in others, such as ``ServiceConditions(hold_s=60, mount="hanging")``.
+        For actuators: by default a prompt first loading in a horizontal mount. Active causes
+        change predictions under others, such as ``ServiceConditions(hold_s=60, mount="hanging")``.
     seed, progress, optional
         As of `calibrate`.
 
     Returns
     -------
     DataFrame
-        Of actuators a row for each rate and pressure: curvature as quantiles ``q05`` to ``q95``
+        For actuators one row per rate and pressure: curvature as quantiles ``q05`` to ``q95``
         [1/m] without reading error, ``probability`` of rupture with its 90 % interval, the share
-        ``answered`` of specimens for which the mechanics has an answer, and ``why`` something is
-        missing. Of other models a row for each x: ``mean``, ``sd`` and the same quantiles.
+        ``answered`` of specimens within the emulator's range, and ``why`` something is missing.
+        For other models one row per x: ``mean``, ``sd`` and the same quantiles.
 
     Warns
     -----
     UserWarning
-        Where predictions lie outside of what was measured, and of conditions that move nothing.
+        If predictions extrapolate beyond the measurements, and for conditions without effect.
 
     Raises
     ------
     BayesdegError
-        If what the model needs is not given, or makes no sense.
+        If what the model needs is missing or out of range.
     """
     experiment = _calibration(fit).model.experiment
     with _work(progress, 1, parallel=False) as (show, _):
         number = _seed(seed, fit.seed)
         if experiment.own is not None:
             if x is None or any(one is not None for one in (pressure, degradation, hours)):
-                raise BayesdegError("a model with a forward map of its own is asked at x=...")
+                raise BayesdegError("a model with its own forward map requires x=...")
             show.stage("predicting")
             return experiment.predict_own(fit.fit, fit.effort, number, _inputs(x))
         if x is not None:
-            raise BayesdegError("a model of a study is asked at pressure=... and degradation=...")
+            raise BayesdegError("a model of a study requires pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
         levels = _levels(fit, degradation, hours, number, show)
         _warn(experiment.cautions(fit.drawn, levels, pressures, conditions))
@@ -385,62 +388,63 @@ def control(
 ) -> pd.DataFrame:
     """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
 
-    Of a forward map of one's own, find the input at which a reading is as wanted; nothing is known
-    of a rupture there, so no risk is bounded.
+    For your own forward map, find the input that gives a wanted reading; rupture is unknown there,
+    so no risk is bounded.
 
     Parameters
     ----------
     fit : Calibration
-        Of a study with actuators, or of a forward map of one's own.
+        Calibration of a study with actuators, or of your own forward map.
     curvature, degradation : float or array
-        Wanted curvatures [1/m] and degradation rates [%], every combination; the rates as of
+        Wanted curvatures [1/m] and degradation rates [%], in every combination; rates as in
         `predict`.
     hours : float or array
-        In place of degradation rates, as of `predict` [h].
+        Instead of degradation rates, as in `predict` [h].
     max_risk : float
-        Largest probability of rupture that is accepted.
+        Largest acceptable probability of rupture.
     beyond : bool
         Whether pressures are allowed above the largest that was tested, and above what actuators
         survived that burst at or near the degradation rate.
     reading : float or array
-        Of a forward map of one's own: wanted readings, without reading error, in their unit.
+        For your own forward map: wanted readings, without reading error, in their unit.
     x : array, DataFrame or mapping of names to arrays
-        Inputs to be tried, in the order in which they are passed through; of several, the first is
-        looked for and the others go along with it.
+        Inputs to try, in order; of several, the first is sought and the others vary with it.
     conditions : ServiceConditions
-        Of actuators, as of `predict`.
+        For actuators, as in `predict`.
     seed, progress, optional
         As of `calibrate`.
 
     Returns
     -------
     DataFrame
-        Of actuators a row for each combination: ``reached`` or not, the pressure at which half of
+        For actuators one row per combination: ``reached`` or not, the pressure at which half of
         new specimens bend as far, what 90 % of them need, the largest pressure allowed [kPa], the
-        curvature there [1/m], the probability of rupture, and ``why`` it is not reached. Of other
-        models a row for each reading: ``reached`` by half of new specimens or not, the input that
+        curvature there [1/m], the probability of rupture, and ``why`` it is not reached. For other
+        models one row per reading: ``reached`` by half of new specimens or not, the input that
         5, 50 and 95 % of them need (``needed_q05`` to ``needed_q95``), and the ``share`` that
         reaches it.
 
     Warns
     -----
     UserWarning
-        Where a pressure or degradation rate lies outside of what was measured, and of conditions
-        that move nothing.
+        If a pressure or degradation rate lies outside the measurements, and for conditions
+        without effect.
 
     Raises
     ------
     BayesdegError
-        If something makes no sense, or the model is not of actuators.
+        If a value is out of range, or the model is not of actuators.
     """
     experiment = _calibration(fit).model.experiment
     if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+        raise BayesdegError(
+            f"max_risk {max_risk:g} is out of range; give a probability between 0 and 1"
+        )
     if experiment.own is not None:
         other = (curvature, degradation, hours)
         return _control_own(fit, reading, x, _seed(seed, fit.seed), other)
     if reading is not None or x is not None:
-        raise BayesdegError("a model of a study is asked at curvature=... and degradation=...")
+        raise BayesdegError("a model of a study requires curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
     with _work(progress, 1, parallel=False) as (show, _):
         asked = (fit.drawn, _seed(seed, fit.seed), show)
@@ -470,53 +474,57 @@ def lifetime(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Follow actuators in the soil: how long they do a duty, which pressure keeps a curvature.
+    """Predict the service life of actuators in the soil and the pressure that keeps a curvature.
 
-    An actuator fails when it bursts at the pressure of its duty, or bends by less than asked.
+    An actuator fails when it bursts at the given pressure, or bends less than asked.
 
     Parameters
     ----------
     fit : Calibration
-        Of a study with actuators, and with the moisture of films against time in the soil.
+        Calibration of a study with actuators and the moisture of films against time in the soil.
     pressure, curvature : float
-        The duty: gauge pressure [kPa] and the curvature that it has to make [1/m].
+        The duty: gauge pressure [kPa] and the curvature required at it [1/m].
     max_risk : float
-        Largest probability of rupture that is accepted where the pressure is raised.
+        Largest acceptable probability of rupture if the pressure is raised.
     hours : array, optional
         Times in the soil, at least two; by default up to the last film's [h].
     beyond : bool
-        Whether pressures above those tested are allowed, as of `control`.
+        Whether pressures above those tested are allowed, as in `control`.
     conditions, seed, progress, optional
         As of `control`.
 
     Returns
     -------
     DataFrame
-        The columns of ``lifetime.csv``, a row for each time. Its ``attrs`` have ``summary`` in
+        The columns of ``lifetime.csv``, one row per time. Its ``attrs`` have a ``summary`` in
         words, ``time_to_failure_q05_h``, ``_q50_h`` and ``_q95_h`` over new actuators, and
-        ``last_reachable_...`` in the same way; None where it does not happen within the times.
+        ``last_reachable_...`` likewise; None if it does not happen within the times.
 
     Warns
     -----
     UserWarning
-        Where something lies outside of what was measured, and of conditions that move nothing.
+        If something lies outside the measurements, and for conditions without effect.
 
     Raises
     ------
     BayesdegError
-        If something makes no sense, or the study does not tell the course of degradation.
+        If a value is out of range, or the study has no course of degradation.
     """
     experiment = _calibration(fit).model.experiment
     if experiment.own is not None:
-        raise BayesdegError("a model with a forward map of its own has no life in the soil")
+        raise BayesdegError("a model with its own forward map has no lifetime in the soil")
     if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(f"max_risk {max_risk:g} bounds nothing; give one between 0 and 1")
+        raise BayesdegError(
+            f"max_risk {max_risk:g} is out of range; give a probability between 0 and 1"
+        )
     above = np.nextafter(0.0, 1.0)
     at = _numbers(pressure, "pressure", "kPa", low=above)
     [wanted] = _numbers(curvature, "curvature", "1/m", low=above)[:1]
     times = None if hours is None else _numbers(hours, "hours", "h")
     if times is not None and len(times) == 1:
-        raise BayesdegError(f"hours {times[0]:g} is a single time; give at least two times")
+        raise BayesdegError(
+            f"hours {times[0]:g} is a single time, but a lifetime needs several; give at least two"
+        )
     duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
         soil = experiment.soil(fit.effort, fit.seed, show)
@@ -550,8 +558,8 @@ def _control_own(
 ) -> pd.DataFrame:
     if reading is None or x is None or any(one is not None for one in other):
         raise BayesdegError(
-            "a model with a forward map of its own has no pressure and no curvature: ask "
-            "control(fit, reading=..., x=...), the wanted reading and the inputs to be tried"
+            "a model with its own forward map has no pressure and no curvature: use "
+            "control(fit, reading=..., x=...) with the wanted reading and the inputs to try"
         )
     wanted = np.atleast_1d(np.asarray(reading, dtype=np.float64))
     if not np.all(np.isfinite(wanted)):
@@ -560,7 +568,7 @@ def _control_own(
 
 
 def _inputs(x: Any) -> Any:
-    """Return inputs as a frame or mapping of columns, or as an array."""
+    """Return inputs as a mapping of columns or as an array."""
     if isinstance(x, (pd.DataFrame, Mapping)):
         return x
     return np.asarray(list(x), dtype=np.float64)
@@ -581,35 +589,35 @@ def report(
     Parameters
     ----------
     path : Path
-        The folder; it is made, and refused where it holds something else.
+        The folder; created if needed, refused if it holds something else.
     base : Calibration
         Of the base model.
     final : Calibration, optional
-        Of the model with the causes of the verdict; the base model's where there is none.
+        Of the model with the causes of the verdict; that of the base model by default.
     verdict : Verdict
         Of the base model.
     full : bool
-        Whether to compute also what the calibration rests on, what the films alone say, and
-        deformed actuators, which takes about a minute; without, the page is said to lack them.
+        Whether to compute also the checks of the calibration, the analysis of the films alone and
+        the deformed actuators, which takes about a minute; otherwise the page notes their absence.
     workers, progress, optional
         As of `calibrate`.
 
     Returns
     -------
     Report
-        Prints the path of the page, and is a link in a notebook.
+        Prints the path of the page; a link in a notebook.
 
     Raises
     ------
     BayesdegError
-        If calibrations and verdict do not belong together, or the folder cannot be written to.
+        If calibrations and verdict do not match, or the folder cannot be written to.
     """
     experiment = _calibration(base).model.experiment
     last = base if final is None else _calibration(final)
     if verdict is None:
         raise BayesdegError("a report needs a verdict: report(path, base, final, verdict)")
     if verdict.model is not base.model:
-        raise BayesdegError("the verdict is of another model than the base calibration")
+        raise BayesdegError("the verdict is of a different model from the base calibration")
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
         page = experiment.write(
             Path(path),
@@ -632,37 +640,37 @@ def update(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> Update:
-    """Let further readings of actuators enter a finished run in seconds, as ``bayesdeg update``.
+    """Add further actuator readings to a finished run in seconds, as ``bayesdeg update`` does.
 
-    Draws of the run's posterior are weighed by what the new readings say; where few of them carry
-    the weight, a law is fitted to them and drawn from with all readings. The run stays as it is:
-    a new run folder is written, with posteriors, bands, ruptures, decisions, life and shares
-    of all readings. The verdict is not judged again.
+    The new readings reweight the draws of the run's posterior; if few of them carry the weight, a
+    distribution is fitted to these and sampled with all readings. The run is not changed: a new
+    run folder is written, with posteriors, bands, ruptures, decisions, lifetime and shares from all
+    readings. The verdict is not updated.
 
     Parameters
     ----------
     run : Path or Report
-        The run folder; its study must be where it was, and unchanged.
+        The run folder; its study must still be in its place and unchanged.
     new : Path or DataFrame
-        Rows of ``actuator.csv``, of new or of earlier specimens: a CSV file or its columns.
+        Rows of ``actuator.csv`` for new or earlier specimens: a CSV file or its columns.
     out : Path, optional
-        The new run folder; by default beside the run, with ``_updated`` after its name.
+        The new run folder; by default that of the run with ``_updated`` appended.
     emulator : Path, optional
-        File of the emulator that the run was given, if it was.
+        File of the emulator that the run was given, if any.
     seed, progress, optional
         As of `calibrate`.
 
     Returns
     -------
     Update
-        ``.folder``, ``.summary()``, ``.posterior``; prints the parameters that moved most.
+        Has ``.folder``, ``.summary()`` and ``.posterior``; prints the parameters that moved most.
 
     Raises
     ------
     StudyError
         With every fault of the new rows.
     BayesdegError
-        If the run cannot be updated, or the new folder is not free.
+        If the run cannot be updated, or the new folder is in use.
     """
     if isinstance(new, pd.DataFrame):
         name, content = "rows", new.to_csv(index=False).encode()
@@ -687,13 +695,13 @@ def _written(one: Calibration) -> Written:
 
 def _model(given: object) -> Model:
     if not isinstance(given, Model):
-        raise BayesdegError(f"calibrate takes a bayesdeg.Model, not {type(given).__name__}")
+        raise BayesdegError(f"calibrate needs a bayesdeg.Model, not {type(given).__name__}")
     return given
 
 
 def _calibration(given: object) -> Calibration:
     if not isinstance(given, Calibration):
-        raise BayesdegError(f"give what calibrate(model) returns, not {type(given).__name__}")
+        raise BayesdegError(f"give the result of calibrate(model), not {type(given).__name__}")
     return given
 
 
@@ -713,7 +721,7 @@ def _seed(given: int | None, default: int) -> int:
 def _numbers(
     values: ArrayLike | None, name: str, unit: str, *, low: float = 0.0, high: float = np.inf
 ) -> Floats:
-    """Return numbers rising, each once."""
+    """Return sorted numbers without duplicates."""
     if values is None:
         raise BayesdegError(f"a model of a study needs {name}= [{unit}]")
     found = np.unique(np.atleast_1d(np.asarray(values, dtype=np.float64)))
@@ -733,7 +741,7 @@ def _warn(messages: Iterable[str]) -> None:
 def _work(
     progress: bool | None, workers: int | None, *, parallel: bool
 ) -> Iterator[tuple[Progress, Executor | None]]:
-    """Show progress, and open worker processes where they are of use."""
+    """Show progress, and start worker processes if useful."""
     count = workers if workers is not None else os.cpu_count() or 1
     if count < 1:
         raise BayesdegError(f"workers must be 1 or more, not {workers}")

@@ -1,4 +1,4 @@
-"""The nouns of the library: a model, its calibration, the verdict, the report."""
+"""The public classes of the library: model, calibration, verdict, report and update."""
 
 import html
 import os
@@ -43,12 +43,12 @@ def _row(entry: CandidateEntry) -> dict[str, object]:
 
 
 class CauseName(str):
-    """The name of a cause that a verdict is about; `Model.with_causes` finds the cause by it."""
+    """The name of a cause in a verdict, from which `Model.with_causes` finds the cause."""
 
     cause: Cause | None
 
     def __new__(cls, name: str, cause: Cause | None = None) -> Self:
-        """Return a name that knows its cause."""
+        """Return a name that carries its cause."""
         made = super().__new__(cls, name)
         made.cause = cause
         return made
@@ -56,31 +56,30 @@ class CauseName(str):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Model:
-    """What is believed of an experiment: its data, a forward map, priors, active causes.
+    """The model of an experiment: data, forward map, priors and active causes.
 
     Parameters
     ----------
     data : Study or sequence of Readings
         A study of actuators or films, or readings of any other experiment.
     forward : callable, optional
-        Of a study a forward map of its actuators, such as an `emulator`; by default the one that
-        ships with the package or was trained here. Of readings a function of ``values``, a mapping
-        of names to arrays (k,), and ``x`` as the `Readings` hold it, that returns predictions
+        For a study, a forward map of its actuators, such as an `emulator`; by default the one that
+        ships with the package or was trained here. For readings, a function of ``values``, a
+        mapping of names to arrays (k,), and ``x`` as the `Readings` hold it, that returns predictions
         (k, n). Parameters of active causes are among the values, as ``cause.parameter``.
     parameters : sequence of Parameter
-        Unknowns of a forward map of one's own, with their priors.
+        Unknowns of your own forward map, with their priors.
     catalogue : sequence of Cause
-        Causes that may be named where readings are judged; a study has those of the package.
+        Candidate causes for readings; a study has those of the package.
     causes : sequence of Cause or str
         Active causes; see `with_causes`.
 
     Raises
     ------
     StudyError
-        If what a study recorded is impossible.
+        If the data of a study are impossible.
     BayesdegError
-        If there is no emulator of the geometry, a cause does not exist, or shapes do not go
-        together.
+        If there is no emulator for the geometry, a cause is unknown, or shapes do not match.
 
     Examples
     --------
@@ -101,11 +100,11 @@ class Model:
     experiment: ModelledExperiment = field(init=False)
 
     def __post_init__(self) -> None:
-        """Build what the verbs ask."""
+        """Build the experiment and the joint model."""
         if isinstance(self.data, Study):
             if self.parameters or self.catalogue:
                 raise BayesdegError(
-                    "a study has parameters and a catalogue of its own: state priors in [priors] "
+                    "a study defines its own parameters and catalogue: state priors in [priors] "
                     "of study.toml, and give causes to criticise(fit, causes=[...])"
                 )
             forward = cast(ForwardMap | None, self.forward)
@@ -121,7 +120,7 @@ class Model:
 
     @property
     def name(self) -> str:
-        """The model by its causes: ``base``, ``base+pressure_offset``."""
+        """The model named by its causes: ``base``, ``base+pressure_offset``."""
         return "+".join(["base", *sorted(cause.name for cause in self.experiment.causes)])
 
     def with_causes(self, *causes: Cause | str) -> Self:
@@ -130,12 +129,12 @@ class Model:
         Parameters
         ----------
         *causes : Cause or str
-            Names of the catalogue, as a verdict lists them, or causes of one's own.
+            Names from the catalogue, as a verdict lists them, or your own causes.
 
         Raises
         ------
         BayesdegError
-            If there is no cause of a name; the message suggests the nearest.
+            If a name is unknown; the message suggests the nearest.
         """
         known = (one.cause or one if isinstance(one, CauseName) else one for one in causes)
         found = {cause.name: cause for cause in map(self.experiment.cause, known)}
@@ -157,11 +156,11 @@ class Model:
         Raises
         ------
         BayesdegError
-            If the verdict is of another model.
+            If the verdict is of a different model.
         """
         if verdict.model is not self:
             raise BayesdegError(
-                "the verdict is of another model; call with_verdict on the model that was judged, "
+                "the verdict is of a different model; call with_verdict on the judged model, "
                 "verdict.model"
             )
         found = self.with_causes(*verdict.predicted_with)
@@ -170,7 +169,7 @@ class Model:
         return found
 
     def __repr__(self) -> str:
-        """Return what it is of, and its parameters."""
+        """Return the name of the experiment, the causes and the parameters."""
         names = ", ".join(p.name for p in self.experiment.density.table.parameters)
         active = f" with {self.name.removeprefix('base+')}" if self.experiment.causes else ""
         return f"Model of {self.experiment.title}{active}: {names}"
@@ -183,11 +182,11 @@ class Calibration:
     Parameters
     ----------
     model : Model
-        What was calibrated.
+        The calibrated model.
     fit : object
-        Mode, evidence and chain of the engine.
+        Mode, evidence and chain.
     effort, seed : str, int
-        How it was made.
+        Effort and seed of the calibration.
     seconds : float
         How long it took.
     """
@@ -205,7 +204,7 @@ class Calibration:
 
     @cached_property
     def drawn(self) -> Drawn:
-        """Draws from which actuators are predicted, as a run folder keeps them."""
+        """Draws for predicting actuators, as a run folder keeps them."""
         return self.model.experiment.drawn(self.fit, self.effort, self.seed)
 
     @property
@@ -215,7 +214,7 @@ class Calibration:
 
     @property
     def converged(self) -> bool:
-        """Whether the draws may be used; `print` says what to do if not."""
+        """Whether the draws are usable; `print` says what to do if not."""
         return bool(self.fit.diagnosis.usable)
 
     def summary(self) -> pd.DataFrame:
@@ -224,7 +223,7 @@ class Calibration:
         return table[["mean", "sd", "q05", "q95", "unit", "r_hat", "ess_bulk"]]
 
     def __repr__(self) -> str:
-        """Return what it is of, whether it converged, and the summary."""
+        """Return the name, whether it converged, and the summary."""
         frame = self.summary().to_string(float_format=lambda value: f"{value:.4g}")
         return f"{self._title()}\n{worded(self.fit.diagnosis)}\n{frame}"
 
@@ -239,14 +238,14 @@ class Calibration:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Verdict:
-    """What is wrong with a model, if anything.
+    """The verdict on a model: what is wrong with it, if anything.
 
     Parameters
     ----------
     model : Model
-        What was judged.
+        The model that was judged.
     judged : Judged
-        What it rests on.
+        The results behind the verdict.
     seconds : float
         How long it took.
     """
@@ -262,12 +261,12 @@ class Verdict:
 
     @property
     def causes(self) -> tuple[CauseName, ...]:
-        """Names of what is named, or cannot be told apart, for `Model.with_causes`."""
+        """Names of the causes that are named or cannot be told apart, for `Model.with_causes`."""
         return self._named("causes")
 
     @property
     def predicted_with(self) -> tuple[CauseName, ...]:
-        """Names of the causes to calibrate with: one out of those that cannot be told apart."""
+        """Names of the causes to calibrate with: one set of those that cannot be told apart."""
         return self._named("predicted_with")
 
     def _named(self, key: str) -> tuple[CauseName, ...]:
@@ -277,7 +276,7 @@ class Verdict:
 
     @property
     def explanation(self) -> str:
-        """Where the misfit sits, what explains it and how sure that is, in plain words."""
+        """Where the misfit lies, what explains it and how sure that is, in plain words."""
         return self.judged.document.explanation
 
     @property
@@ -339,11 +338,11 @@ class Report:
     page: Path
 
     def __fspath__(self) -> str:
-        """Return the folder, for whatever takes a path."""
+        """Return the folder, so that it can be used as a path."""
         return os.fspath(self.folder)
 
     def __repr__(self) -> str:
-        """Return where the page is."""
+        """Return the path of the page."""
         return f"report: {self.page}"
 
     def _repr_html_(self) -> str:
@@ -358,7 +357,7 @@ class Update:
     Parameters
     ----------
     written : UpdatedRun
-        What was taken in, and where it was written.
+        The updated run and its folder.
     """
 
     written: UpdatedRun
@@ -370,7 +369,7 @@ class Update:
 
     @property
     def method(self) -> str:
-        """How: ``weights`` of the earlier draws, ``refit`` of a law to them, or about the mode."""
+        """Method: ``weights`` of the earlier draws, ``refit`` of a distribution, or ``mode``."""
         return self._final.method
 
     @property
@@ -380,7 +379,7 @@ class Update:
 
     @property
     def pareto_k(self) -> float:
-        """Shape of the tail of their weights, reliable up to 0.7; nan if these are even."""
+        """Shape of the tail of their weights, reliable up to 0.7; nan for equal weights."""
         known = self._final.pareto_k
         return float("nan") if known is None else float(known)
 
@@ -390,24 +389,24 @@ class Update:
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What is in doubt, and what was not updated."""
+        """Doubts, and what was not updated."""
         return self.written.messages
 
     @cached_property
     def posterior(self) -> xr.DataTree:
-        """The updated draws, as ``posterior.nc`` of the new run folder has them."""
+        """The updated draws, as in ``posterior.nc`` of the new run folder."""
         return RunFolder(self.folder).read_posterior(POSTERIOR)
 
     def summary(self) -> pd.DataFrame:
-        """Return mean and sd of every parameter before and after, and its shift in sd before."""
+        """Return mean and sd of every parameter before and after, and its shift in earlier sd."""
         return self.written.moved.set_index("parameter")
 
     def __fspath__(self) -> str:
-        """Return the folder, for whatever takes a path."""
+        """Return the folder, so that it can be used as a path."""
         return os.fspath(self.folder)
 
     def __repr__(self) -> str:
-        """Return how it was done, and the parameters that moved most."""
+        """Return the method and the parameters that moved most."""
         frame = most_moved(self.written.moved).to_string(
             index=False, float_format=lambda value: f"{value:.4g}"
         )

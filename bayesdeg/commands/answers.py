@@ -392,8 +392,8 @@ def refuse_others(conditions: ServiceConditions, **given: object) -> None:
     for name, value in given.items():
         if value:
             raise typer.BadParameter(
-                f"--{name} is only for actuators, not for a study with its own forward map; give --x "
-                "NAME=VALUES"
+                f"--{name} is only for actuators, not for a study with its own forward map; give "
+                "--x NAME=VALUES"
             )
 
 

@@ -248,7 +248,7 @@ def lifetime(
     as_json: options.AsJson = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Predict the service life of an actuator in the soil, and the pressure that keeps its curvature.
+    """Predict the service life of an actuator in the soil, and the pressure for its curvature.
 
     An actuator fails when it bursts at the given pressure or bends less than asked. For each time
     in the soil, the table gives the degradation rate, the curvature at that pressure, the

@@ -117,8 +117,8 @@ def _times(hours: list[str] | None) -> Floats | None:
     times = numbers(hours, "--hours", "h", low=0.0, high=np.inf)
     if len(times) == 1:
         raise typer.BadParameter(
-            f"--hours {times[0]:g} is a single time, but a lifetime needs several; give a range such as "
-            f"0:{max(times[0], 1.0):g}:1"
+            f"--hours {times[0]:g} is a single time, but a lifetime needs several; give a range "
+            f"such as 0:{max(times[0], 1.0):g}:1"
         )
     refuse_too_many(times, most=MOST_TIMES)
     return times

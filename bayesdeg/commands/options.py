@@ -90,8 +90,8 @@ Assembled = Annotated[
 Trained = Annotated[
     Backend,
     typer.Option(
-        help="Finite element assembly for training an emulator. With scikit-fem one is trained even "
-        "if one ships, to check the kernels: assembly is forty times slower; derivatives with "
+        help="Finite element assembly for training an emulator. With scikit-fem one is trained "
+        "even if one ships, to check the kernels: assembly is forty times slower; derivatives with "
         "respect to the inputs still come from the kernels."
     ),
 ]
@@ -141,8 +141,8 @@ MaybeRates = Annotated[
     list[str] | None,
     typer.Option(
         "--degradation",
-        help="Degradation rates in percent, with standard error --degradation-sd: 10, or 0,10,25, or a "
-        "range 0:25:5 (end included); may be repeated. Not needed if nothing degrades.",
+        help="Degradation rates in percent, with standard error --degradation-sd: 10, or 0,10,25, "
+        "or a range 0:25:5 (end included); may be repeated. Not needed if nothing degrades.",
         metavar="PERCENT",
     ),
 ]
@@ -150,8 +150,8 @@ Hours = Annotated[
     list[str] | None,
     typer.Option(
         "--hours",
-        help="Instead of --degradation: hours in the soil, converted to a degradation rate with the "
-        "films' moisture and its uncertainty; lists and ranges as for --degradation.",
+        help="Instead of --degradation: hours in the soil, converted to a degradation rate with "
+        "the films' moisture and its uncertainty; lists and ranges as for --degradation.",
         metavar="H",
     ),
 ]

@@ -179,7 +179,7 @@ def _besides(found: Score) -> Iterator[str]:
     said = NOTHING if found.causes_said is None else fixed(found.causes_said)
     yield f"causes stated per hidden cause, if right: {said}"
     if found.sizes is not None:
-        yield f"median width of 90 % intervals relative to the size: {fixed(found.sizes.relative_width)}"
+        yield f"median width of 90 % intervals over size: {fixed(found.sizes.relative_width)}"
     if found.probabilities is not None:
         own = found.probabilities
         yield f"Brier score: {fixed(own.brier)}; of base rates: {fixed(own.brier_of_base_rates)}"

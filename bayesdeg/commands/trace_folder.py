@@ -73,7 +73,7 @@ def write_overlay(
 
 
 def _overlay(image: Colours, found: TracedPhotograph, target: Floats | None) -> bytes:
-    """Return a PNG with the line, a ring at the clamped end, the target's points and the results."""
+    """Return a PNG: line, ring at the clamped end, points of the target, and results."""
     factor = min(1.0, WIDTH / image.shape[1])
     drawn = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     pixels = np.round(factor * 16.0 * np.array(found.pixels)).astype(np.int32)

@@ -285,7 +285,7 @@ def serve(folder: Path, port: int | None) -> None:
             server = TraceServer(Correction(folder, photographs), port or 0)
         except OSError as fault:
             raise BayesdegError(
-                f"--port {port} cannot be used ({reason(fault)}); give a different one, or leave it out"
+                f"--port {port} cannot be used ({reason(fault)}); give a different port, or none"
             ) from fault
         with server:
             errors.print(f"{len(photographs)} photographs: {server.address}", soft_wrap=True)

@@ -19,11 +19,11 @@ from bayesdeg.observations.tensile import FILM
 BY_READING = (Oddity.READING, Oddity.JUMP, Oddity.CUT_OFF, Oddity.EDGE)
 READ = ("curvature_per_m", "bend_angle_deg")
 TABLES = {ACTUATOR: "actuator", FILM: "tensile"}
-"""Tables by the family of readings; suspects of others are told and not set aside."""
+"""Tables by family of readings; suspects in other tables are reported but not set aside."""
 FILES = {"actuator.csv": "actuator", "tensile.csv": "tensile"} | dict.fromkeys(
     ("markers.csv", "photos.csv", "captures.csv"), "actuator"
 )
-"""The same tables by the files that they are read from."""
+"""The same tables by file."""
 
 
 @dataclass(frozen=True)

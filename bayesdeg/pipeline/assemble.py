@@ -160,7 +160,7 @@ def _assemble_study(study: Study) -> Assembly:
     try:
         base = own.model(stated.forward.parameters)
     except BayesdegError as fault:
-        raise StudyError([Fault("study.toml", str(fault), "change the names")]) from fault
+        raise StudyError([Fault("study.toml", str(fault), "rename one of them")]) from fault
     check_priors(stated.priors, with_causes(base.base, causes).names)
     tried = tuple(
         replace(one, parameters=stated_priors(one, study))
@@ -169,7 +169,7 @@ def _assemble_study(study: Study) -> Assembly:
     )
     known = [cause.name for cause in causes]
     unknown = [
-        Fault("study.toml", "is no cause of this study",
+        Fault("study.toml", "is not a cause of this study",
               use_one_of(name, known) if known else "add causes/NAME.py",
               None, "causes.candidates", name)
         for name in stated.candidates or () if name not in known
@@ -180,7 +180,7 @@ def _assemble_study(study: Study) -> Assembly:
     least = {read.parameter_of("error"): ROUNDING * study.digits.get(read.name, 0.0)}
     model = replace(base, base=with_priors(with_least(base.base, least), stated.priors))
     try_out(study, model, tried)
-    absent = (("causes/*.py", "no cause can be named, only a misfit be found"),)
+    absent = (("causes/*.py", "no cause can be named; only a misfit can be found"),)
     return Assembly(model, tried, {}, () if tried else absent, own=own)
 
 
@@ -325,7 +325,7 @@ class Code:
         """Return a fault for a name that is neither a parameter nor an input."""
         known = [str(name) for given in arguments if isinstance(given, dict) for name in given]
         asked = str(error.args[0]) if error.args else ""
-        problem = f"{what} asks for {asked!r}, which it is not given"
+        problem = f"{what} uses {asked!r}, which is not among its inputs"
         remedy = use_one_of(asked, known) if known else "correct that line"
         return replace(self.fault(error, what), problem=problem, remedy=remedy)
 
@@ -390,8 +390,8 @@ def own_causes(study: Study) -> tuple[Cause, ...]:
         try:
             for cause in _causes_of(code):
                 if cause.name in found:
-                    problem = f"has a cause {cause.name!r}, which another file has as well"
-                    faults.append(Fault(code.name, problem, "give it another name"))
+                    problem = f"has a cause {cause.name!r}, which another file also has"
+                    faults.append(Fault(code.name, problem, "rename it"))
                 found[cause.name] = cause
         except StudyError as error:
             faults += error.faults
@@ -406,7 +406,7 @@ def _causes_of(code: Code) -> Iterator[Cause]:
     causes = list(listed) if isinstance(listed, Iterable) else [listed]
     wrong = [type(one).__name__ for one in causes if not isinstance(one, Cause)]
     if wrong or not causes:
-        problem = f"has {', '.join(wrong)} where a cause belongs" if wrong else "has no CAUSE"
+        problem = f"has {', '.join(wrong)} instead of a cause" if wrong else "has no CAUSE"
         raise StudyError([Fault(code.name, problem, "write CAUSE = bayesdeg.Cause(...)")])
     for cause in causes:
         hooks = {
@@ -434,10 +434,10 @@ def try_out(study: Study, model: JointModel, causes: Iterable[Cause]) -> None:
         specimen = model.places.specimen[lost[0]]
         problem = (
             f"{name} has no finite answer for {len(lost)} of {predicted.shape[1]} readings, the "
-            f"first being reading {lost[0] + 1} (specimen {specimen}), at any of {DRAWS} draws "
-            "from the priors"
+            f"first being reading {lost[0] + 1} (specimen {specimen}), at any of {DRAWS} prior "
+            "draws"
         )
-        remedy = "let it return numbers there, or leave these rows out of readings.csv"
+        remedy = "return finite numbers there, or remove these rows from readings.csv"
         raise StudyError([Fault(file, problem, remedy)])
     for cause in causes:
         _answers(model.extended(cause), f"{CAUSES}, {cause.name}")

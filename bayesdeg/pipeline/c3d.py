@@ -107,7 +107,7 @@ def refuse_cut_off(content: bytes) -> None:
         raise ValueError("is cut off in its header")
     order = ORDERS.get(content[at + 3])
     if order is None:
-        raise ValueError("is damaged: its numbers are of no known processor")
+        raise ValueError("is damaged: its number format is unknown")
     markers, samples, first, last = struct.unpack_from(f"{order}4H", content, 2)
     scale = content[12:16]
     # DEC's numbers have their signs where Intel's have them

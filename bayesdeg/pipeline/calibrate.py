@@ -242,11 +242,11 @@ class _Shown:
     def _notes(self, standing: Standing) -> Iterator[str]:
         if self._store.damaged:
             names = ", ".join(path.name for path in self._store.damaged)
-            yield f"damaged and computed again: {names}"
+            yield f"damaged, computed again: {names}"
         if standing.enough(self._effort) and standing.resumed == standing.steps:
-            yield "taken from the interrupted run"  # first: a narrow terminal cuts the rest
+            yield "resumed from the interrupted run"  # first: a narrow terminal cuts the rest
         if standing.kept == 0:
-            yield f"fitting the moves, {standing.steps} steps"
+            yield f"tuning the proposals, {standing.steps} steps"
         else:
             yield f"{standing.effective:.0f} effective draws, R-hat {standing.r_hat:.3f}"
         if not standing.enough(self._effort):

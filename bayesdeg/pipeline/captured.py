@@ -156,14 +156,16 @@ def _wrong_study(study: Study) -> Iterator[Fault]:
     others = {"actuator": "actuator.csv", _MARKERS: "markers.csv", "photos": "photos.csv"}
     for name, file in others.items():
         if study.table(name) is not None:
-            remedy = "keep the recordings, or what was read of them"
-            yield Fault(FILE, f"is there beside {file}", remedy)
+            remedy = "keep either the recordings or the readings from them"
+            yield Fault(FILE, f"is given together with {file}", remedy)
     if not study.settings.is_default_mould:
-        problem = "is known of the default actuator alone: what points read of another is not"
+        problem = "is available only for the default actuator, not for points on a different one"
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
     if study.settings.operator == "base_tip" and study.settings.captures.plane is None:
-        problem = "is not stated, and without it is not known how the base lies"
-        remedy = "give the axes along the clamped end and away from the paper, or another operator"
+        problem = "is missing, so the direction of the base is unknown"
+        remedy = (
+            "give the axes along the clamped end and away from the paper, or a different operator"
+        )
         yield Fault(SETTINGS_FILE, problem, remedy, None, "captures.plane")
     if not is_readable():
         problem = "needs the library ezc3d, which is not installed"
@@ -201,11 +203,15 @@ def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator
     for marker in options.markers:
         found = places_of(marker, there)
         if len(found) != 1:
-            problem = "is no marker of it" if not found else "is the name of several markers of it"
+            problem = (
+                "is not one of its markers"
+                if not found
+                else "is the name of several of its markers"
+            )
             remedy = use_one_of(marker, there[:_MOST_NAMES])
             yield Fault(file, problem, remedy, None, "captures.markers", marker)
     if options.unit is None and recording.unit.lower() not in MILLIMETRES:
-        problem = "states no unit of lengths that is known"
+        problem = "states no known unit of length"
         remedy = f"state [captures] unit, one of {', '.join(MILLIMETRES)}"
         yield Fault(file, problem, remedy, None, "POINT:UNITS", recording.unit)
     if options.pressure is None:
@@ -214,11 +220,11 @@ def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator
     if len(at) != 1:
         remedy = use_one_of(options.pressure, recording.channels[:_MOST_NAMES] or ("none",))
         place = (None, "captures.pressure", options.pressure)
-        yield Fault(file, "is no analog channel of it", remedy, *place)
+        yield Fault(file, "is not one of its analog channels", remedy, *place)
     elif options.kpa_per_unit is None and _unit_of(recording, at[0]) is None:
         unit = recording.channel_units[at[0]]
-        problem = "has a channel of pressures in no unit of pressure"
-        remedy = "state [captures] kPa_per_unit, and zero, what it reads at no pressure"
+        problem = "has a pressure channel without a pressure unit"
+        remedy = "state [captures] kPa_per_unit, and zero, its reading at zero pressure"
         yield Fault(file, problem, remedy, None, options.pressure, unit)
 
 
@@ -269,8 +275,8 @@ def _hold(row: Mapping[str, object], recording: Recording, options: CaptureOptio
     whole = seen.all(axis=1)
     if not whole.any():
         marker = options.markers[int(np.argmin(seen.sum(axis=0)))]
-        problem = f"has no frame in which all markers are seen; most often {marker} is not"
-        raise _refused(row, problem, "fill its gaps where it was recorded, or name other frames")
+        problem = f"has no frame with all markers visible; {marker} is missing most often"
+        raise _refused(row, problem, "fill its gaps in the capture software, or name other frames")
     pressure = _pressure(row, recording, frames[whole], options)
     kept = points[whole]
     error = error_of_mean(kept.reshape(len(kept), -1)).reshape(-1, 3)
@@ -284,8 +290,8 @@ def _frames(row: Mapping[str, object], recording: Recording) -> NDArray[np.int_]
     low = first if np.isnan(start := _number(row, "first_frame")) else int(start)
     high = last if np.isnan(end := _number(row, "last_frame")) else int(end)
     if not first <= low <= high <= last:
-        problem = f"names frames {low} to {high}, and the recording has {first} to {last}"
-        raise _refused(row, problem, "give frames as the recording numbers them")
+        problem = f"names frames {low} to {high}, but the recording has {first} to {last}"
+        raise _refused(row, problem, "give frames by the numbers of the recording")
     return np.arange(low - first, high - first + 1)
 
 
@@ -342,7 +348,7 @@ def _planes(
             remedy = 'state [captures] plane, such as ["x", "-z"]'
             faults.append(Fault(FILE, problem, remedy, specimen=name))
         elif plane.off > OFF_PLANE * _length(lines[0]):
-            problem = f"has markers {plane.off:.2g} mm off the plane of bending"
+            problem = f"has markers {plane.off:.2g} mm off the bending plane"
             remedy = "name the markers along the bottom line, or state [captures] plane"
             faults.append(Fault(FILE, problem, remedy, specimen=name))
         else:
@@ -360,7 +366,7 @@ def _apart(hold: Hold, plane: BendingPlane, options: CaptureOptions) -> Fault | 
     if steps.min() > SAME_PLACE:
         return None
     k = int(np.argmin(steps))
-    problem = f"has the markers {options.markers[k]} and {options.markers[k + 1]} at one place"
+    problem = f"has the markers {options.markers[k]} and {options.markers[k + 1]} at the same place"
     return _refused(hold.row, problem, "name every marker once, and check the plane").faults[0]
 
 

@@ -156,7 +156,7 @@ class Expectation:
         ]
         at_once = "one at a time" if self.workers == 1 else f"{self.workers} at a time"
         then = "" if self.later == 0.0 else f", and then {duration(self.later / self.workers)}"
-        where = " where the posterior lies" if then else ""
+        where = " in the posterior region" if then else ""
         whole = f"{duration(self.seconds)}{then}{where}"
         return f"{whole}: finite element curves, {' and '.join(runs)}, {at_once}"
 

@@ -11,7 +11,7 @@ from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.report.record import BurstEntry, ModelEntry
 
 NEAR = 2.5
-"""Degradation rates that differ by no more are alike: half of a step between tested levels [%]."""
+"""Degradation rates this close count as equal: half a step between tested levels [%]."""
 
 
 @dataclass(frozen=True)

@@ -248,7 +248,7 @@ class ModelledExperiment:
             return given
         known = CATALOGUE | {one.name: one for one in (*self.assembly.causes, *self.causes)}
         if given not in known:
-            raise BayesdegError(f"there is no cause {given!r}; {use_one_of(given, known)}")
+            raise BayesdegError(f"unknown cause {given!r}; {use_one_of(given, known)}")
         return known[given]
 
     def with_candidates(self, causes: str | Iterable[Cause | str]) -> "ModelledExperiment":
@@ -273,10 +273,10 @@ class ModelledExperiment:
         if wanted or (self.own is None and self.assembly.unjudged):
             return
         if self.own is None:
-            raise BayesdegError("causes is empty: name at least one cause, or say 'all'")
+            raise BayesdegError("causes is empty; name at least one cause, or 'all'")
         raise BayesdegError(
-            "a model with a forward map of its own has no causes that could be named; give "
-            "them as criticise(fit, causes=[...]), or as Model(..., catalogue=[...])"
+            "a model with its own forward map has no candidate causes; give "
+            "criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
         )
 
     def fit(self, effort: Effort, seed: int, progress: Progress, executor: Executor | None) -> Fit:
@@ -319,7 +319,7 @@ class ModelledExperiment:
         if self.causes:
             names = ", ".join(cause.name for cause in self.causes)
             raise BayesdegError(
-                f"the model has {names} already, and a verdict is of a model without causes: "
+                f"the model already has {names}, but only a model without causes is judged: "
                 "criticise the calibration of the base model"
             )
         guard, streams, judgement = Guard(), Streams.of(seed), None
@@ -371,7 +371,7 @@ class ModelledExperiment:
     ) -> pd.DataFrame:
         """Return curvature bands and rupture probabilities of a new specimen."""
         if self.own is not None:
-            raise BayesdegError("a model with a forward map of its own is asked at x=...")
+            raise BayesdegError("a model with its own forward map requires x=...")
         return forecast.predict(
             drawn,
             levels,
@@ -396,7 +396,7 @@ class ModelledExperiment:
         """Return the pressure for each curvature at each degradation rate, and what bounds it."""
         if self.own is not None:
             raise BayesdegError(
-                "a model with a forward map of its own has no curvature and no pressure: ask "
+                "a model with its own forward map has no curvature and no pressure: use "
                 "control(fit, reading=..., x=...)"
             )
         experience = experience_of(self._document)
@@ -431,7 +431,7 @@ class ModelledExperiment:
 
     def _of_own(self, fit: Fit, effort: Effort, ask: str) -> tuple[OwnMap, DrawnFormula]:
         if self.own is None:
-            raise BayesdegError(f"a model of a study is asked at {ask}")
+            raise BayesdegError(f"a model of a study requires {ask}")
         return self.own, DrawnFormula(fit.model, fit.chain.thinned(EFFORTS[effort].kept))
 
     def soil(self, effort: Effort, seed: int, progress: Progress) -> Soil:
@@ -503,8 +503,8 @@ class ModelledExperiment:
         """
         if fit.model.forward is None:
             raise BayesdegError(
-                f"{self.study.name} has no readings of actuators, so its posterior does not say "
-                "how an actuator bends; add actuator.csv to the study"
+                f"{self.study.name} has no actuator readings, so its posterior cannot predict "
+                "actuators; add actuator.csv to the study"
             )
         final = Results(self.assembly, fit, fit, _of_final(self.judgement, fit))
         averaged = with_average(final, Streams.of(seed).averaged, Guard(strict=True)).averaged
@@ -542,7 +542,7 @@ class ModelledExperiment:
             document = work(study, folder, results, clock)
             page = add_page(folder, document, guard)[1]
         if page is None:
-            raise BayesdegError(f"{path}: the page could not be made; see left_out.txt there")
+            raise BayesdegError(f"{path}: the page could not be built; see left_out.txt there")
         return page
 
 
@@ -565,8 +565,8 @@ def _known_emulator(study: Study) -> Surrogate:
     found = find_emulator(geometry)
     if found.surrogate is None:
         raise BayesdegError(
-            f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds what "
-            "`bayesdeg run` trained here, or trains it"
+            f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds the "
+            "emulator that `bayesdeg run` trained here, or trains one"
         )
     return found.surrogate
 
@@ -597,7 +597,7 @@ def _of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
         judgement = replace(judgement, counts_fitted=given == sorted(wanted))
     elif given != sorted(wanted):
         raise BayesdegError(
-            f"the final model has {', '.join(given)}, and the verdict predicts with "
+            f"the final model has {', '.join(given)}, but the verdict predicts with "
             f"{', '.join(wanted) or 'no cause'}; calibrate "
             "model.with_verdict(verdict)"
         )

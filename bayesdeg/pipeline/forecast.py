@@ -138,7 +138,7 @@ class StoredRun:
         if name not in known:
             listed = f"give one of {', '.join(known)}" if known else "leave out --cause"
             raise BayesdegError(
-                f"--cause {name} is none of the causes that the run could not tell apart; {listed}"
+                f"--cause {name} is not one of those that the run could not tell apart; {listed}"
             )
         return self._only([k for k, m in enumerate(self.members) if name in m.causes])
 
@@ -240,7 +240,7 @@ def read_stored(
     """
     if not path.is_dir():
         raise BayesdegError(
-            f"{path}: there is no such folder; name a run folder, such as reports/NAME, that "
+            f"{path}: no such folder; name a run folder, such as reports/NAME, that "
             "`bayesdeg run` has written"
         )
     folder = RunFolder(path)
@@ -253,14 +253,14 @@ def read_stored(
     refuse_impossible_draws(draws, path)
     if not bends_actuators(draws):
         raise BayesdegError(
-            f"{path}: the study has no readings of actuators, so its posterior does not say how an "
-            "actuator bends; add actuator.csv to the study and run it again"
+            f"{path}: the study has no actuator readings, so its posterior cannot predict "
+            "actuators; add actuator.csv to the study and run it again"
         )
     try:
         if run.model is None:
             raise BayesdegError(
-                "run.json is from an older version and does not say what the posterior is of; run "
-                "the study again with `bayesdeg run`"
+                "run.json is from an older version and does not describe the model of the "
+                "posterior; run the study again with `bayesdeg run`"
             )
         model = _model(run.model, draws, emulator_of(folder, run, emulator, cache))
         _refuse_other_members(members, model)
@@ -296,7 +296,7 @@ def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> 
     are_shares = min(shares, default=1.0) >= 0.0 and abs(sum(shares) - 1.0) < ROUNDING
     if members and not (len(sets) == len(members) and theirs == known and are_shares):
         raise RecordError(
-            f"'averaged' of run.json does not fit {POSTERIOR_AVERAGED}.nc; run the study again "
+            f"'averaged' in run.json does not match {POSTERIOR_AVERAGED}.nc; run the study again "
             "with --fresh"
         )
 
@@ -308,7 +308,7 @@ def _numbers(
     stats = tree["sample_stats"].to_dataset() if "sample_stats" in tree.children else xr.Dataset()
     found = stats["member"].to_numpy() if "member" in stats else np.empty(0)
     if found.shape != shape or len(found) > 1 or {*found[0].tolist()} != {*range(members)}:
-        raise _impossible(path, "its draws are not of the sets of causes that run.json lists")
+        raise _impossible(path, "its draws do not match the sets of causes in run.json")
     number: NDArray[np.int64] = found[0].astype(np.int64)
     return number
 
@@ -316,7 +316,7 @@ def _numbers(
 def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
     if "posterior" not in tree.children:
         raise BayesdegError(
-            f"{path}: the posterior holds no draws, so the file is damaged or from another "
+            f"{path}: the posterior has no draws; the file is damaged or from a different "
             "version; run the study again with --fresh"
         )
     return tree["posterior"].to_dataset()
@@ -332,17 +332,17 @@ def refuse_impossible_draws(draws: Mapping[str, Floats], path: Path) -> None:
     """
     shapes = {values.shape for values in draws.values()}
     if len(shapes) != 1 or len(shape := shapes.pop()) != 2 or 0 in shape:
-        raise _impossible(path, "its parameters have no draws, or not the same number of them")
+        raise _impossible(path, "its parameters have no draws, or different numbers of them")
     for name, values in draws.items():
         if not np.issubdtype(values.dtype, np.floating) or not np.all(np.abs(values) <= LARGEST):
-            raise _impossible(path, f"draws of {name} are no finite numbers")
+            raise _impossible(path, f"draws of {name} are not finite")
         if name.startswith(_POSITIVE) and not np.all(values > 0.0):
-            raise _impossible(path, f"{name} is {values.min():.3g}, and can only be above 0")
+            raise _impossible(path, f"{name} is {values.min():.3g}, but must be above 0")
 
 
 def _impossible(path: Path, problem: str) -> BayesdegError:
     return BayesdegError(
-        f"{path}: the posterior is damaged, or is not of bayesdeg: {problem}; run the study again "
+        f"{path}: the posterior is damaged or not from bayesdeg: {problem}; run the study again "
         "with --fresh"
     )
 
@@ -362,7 +362,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
         beside += [name for name in draws if "." not in name and name not in entry.parameters]
     if beside:
         raise RecordError(
-            f"posterior and run.json do not belong together (run.json knows no {beside[0]}); run "
+            f"posterior and run.json do not match ({beside[0]} is not in run.json); run "
             "the study again with --fresh"
         )
     of_causes = [name for name in draws if "." in name and not is_dimension(name)]
@@ -398,7 +398,7 @@ def _refuse_missing(wanted: Iterable[str], draws: Mapping[str, Floats]) -> None:
     missing = [name for name in wanted if name not in draws]
     if missing:
         raise RecordError(
-            f"posterior and run.json do not belong together ({', '.join(missing)} is missing); "
+            f"posterior and run.json do not match ({', '.join(missing)} is missing); "
             "run the study again with --fresh"
         )
 
@@ -463,7 +463,7 @@ def emulator_of(
         if _same(found, training):
             return found
         raise BayesdegError(
-            f"{given} is not the emulator of this run; give the one that `bayesdeg run` was given, "
+            f"{given} is not the emulator of this run; give the one given to `bayesdeg run`, "
             "or leave out --emulator"
         )
     own = folder.path / EMULATOR
@@ -479,8 +479,8 @@ def emulator_of(
         if _is_of(path, training):
             return read_trained(path)
     raise BayesdegError(
-        f"the emulator that the run used is neither in the run folder ({EMULATOR}), nor in this "
-        f"version of the package, nor in {cache.absolute()}; give its file with --emulator FILE, "
+        f"the emulator of the run is not in the run folder ({EMULATOR}), in this "
+        f"version of the package or in {cache.absolute()}; give its file with --emulator FILE, "
         "or run the study again with `bayesdeg run`"
     )
 
@@ -742,14 +742,14 @@ def known_soil_of(path: Path) -> Soil | None:
         raise _impossible(path, "the course of degradation lacks a parameter")
     for name, drawn in values.items():
         if not np.all(drawn >= 0.0):
-            raise _impossible(path, f"draws of {name} are no numbers above 0")
+            raise _impossible(path, f"draws of {name} must be above 0")
     return Soil(values)
 
 
 NO_COURSE = (
-    "the study has no moisture of films against time in the soil, so hours say nothing of the "
-    "degradation rate; give the rate itself, or add moisture.csv with fresh films and films of one "
-    "later time or more, and run the study again"
+    "the study has no film moisture against time in the soil, so hours cannot be converted to "
+    "degradation rates; give the rate itself, or add moisture.csv with fresh films and films of at "
+    "least one later time, and run the study again"
 )
 COURSE_STREAM = 3  # of the seed: draws of the course are independent of all others
 

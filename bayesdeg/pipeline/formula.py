@@ -28,8 +28,8 @@ Floats = NDArray[np.float64]
 Forward = Callable[[dict[str, Floats], Any], ArrayLike]
 
 SHARE_OF_SPREAD = 0.5
-"""Scale of the default prior of a reading error, of the standard deviation of all readings: 95 % of
-it is then below the error that a model which explains nothing would leave."""
+"""Scale of the default prior of a reading error, relative to the standard deviation of all
+readings: 95 % of it is then below the error of a model that explains nothing."""
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 PREDICTIVE = 2000  # draws
 #: What Python and numpy say of a function for single numbers that is given arrays.
@@ -104,12 +104,12 @@ class Readings:
         counts = {np.shape(column)[:1] for _, column in _columns(x)}
         if counts != {y.shape}:
             rows = ", ".join(f"{count[0]} rows" if count else "a single number" for count in counts)
-            raise BayesdegError(f"{self.name}: x has {rows}, and y has {len(y)} readings")
+            raise BayesdegError(f"{self.name}: x has {rows}, but y has {len(y)} readings")
         for other in ("specimen", "level", "time", "history"):
             value = getattr(self, other)
             if value is not None and np.shape(value) not in ((), y.shape):
                 raise BayesdegError(
-                    f"{self.name}: {other} has shape {np.shape(value)}, and y {y.shape}"
+                    f"{self.name}: {other} has shape {np.shape(value)}, but y has {y.shape}"
                 )
         if isinstance(self.error, (bool, str)):
             raise BayesdegError(f"{self.name}: error must be a number, an array or a prior law")
@@ -130,7 +130,7 @@ class Readings:
             law = self.error if isinstance(self.error, Law) else self._default()
             found.append(Parameter(f"{self.name}_error", law, self.unit, meaning))
         if self.scatter is not False:
-            meaning = f"shift of {self.name} from specimen to specimen, standard deviation"
+            meaning = f"specimen-to-specimen shift of {self.name}, standard deviation"
             law = self.scatter if isinstance(self.scatter, Law) else self._default()
             found.append(Parameter(f"{self.name}_scatter", law, self.unit, meaning))
         return tuple(found)
@@ -148,7 +148,7 @@ class Readings:
         spread = float(np.std(self.y))
         if spread == 0.0:
             raise BayesdegError(
-                f"{self.name}: readings that are all alike say nothing of their error; give error="
+                f"{self.name}: all readings are equal, so their error is unknown; give error="
             )
         return HalfNormal(SHARE_OF_SPREAD * spread)
 
@@ -237,7 +237,7 @@ class OwnMap:
         wrong = [type(block).__name__ for block in blocks if not isinstance(block, Readings)]
         if wrong or not blocks:
             raise BayesdegError(
-                "a Model is of a study, or of a list of Readings and a forward map, not of "
+                "a Model needs a study, or a list of Readings and a forward map, not "
                 f"{', '.join(wrong) or 'an empty list'}"
             )
         return cls(blocks, _maps(blocks, forward))
@@ -286,7 +286,7 @@ class OwnMap:
                 raise BayesdegError(
                     f"{self.source} must return {block.name} of shape {shape}, one row for each of "
                     f"the values and one column for each reading, not {answer.shape}; write "
-                    "values[name][:, None] to let values stand against x"
+                    "values[name][:, None] to broadcast values against x"
                 )
             found.append(answer)
         return tuple(found)
@@ -379,7 +379,7 @@ def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
     named = {cause.name: cause for cause in known}
     if given not in named:
         remedy = use_one_of(given, named) if named else "give the bayesdeg.Cause itself"
-        raise BayesdegError(f"there is no cause {given!r} of this model; {remedy}")
+        raise BayesdegError(f"unknown cause {given!r} for this model; {remedy}")
     return named[given]
 
 
@@ -467,7 +467,7 @@ def control(
     at, block = _inputs(x), own.readings[0]
     name, along = next(_columns(at))
     if _count(at) < 2:
-        raise BayesdegError("control needs at least two inputs, between which it can look")
+        raise BayesdegError("control needs at least two inputs to search between")
     draws = new_specimens(own, fit, block, at, np.random.default_rng(seed))
     rows = []
     for value in np.unique(np.atleast_1d(np.asarray(wanted, dtype=np.float64))):
@@ -503,7 +503,7 @@ def _maps(
     names = [block.name for block in blocks]
     if len(set(names)) < len(names):
         raise BayesdegError(
-            f"several kinds of readings need names of their own, Readings(..., name=), not {names}"
+            f"several kinds of readings need distinct names, Readings(..., name=), not {names}"
         )
     if isinstance(forward, Mapping):
         missing = [name for name in names if not callable(forward.get(name))]

@@ -392,10 +392,10 @@ JUDGE_EFFORTS = {
     "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
 OWN_MAP = SearchEffort(replicates=500, fitted=4, pairs=3)
-"""Of a forward map of one's own, which is fast."""
+"""For a user's forward map, which is fast."""
 OWN_EFFORTS = JUDGE_EFFORTS | {"standard": OWN_MAP}
 MOST = 4_000
-"""Replicates where a p-value is near the level that decides: its Monte Carlo error is 0.003."""
+"""Replicates if a p-value is near the deciding level: its Monte Carlo error is then 0.003."""
 MOST_OF_FILMS = 20_000  # they cost next to nothing
 FEW_DRAWS = 100  # for what is compared beside the readings
 COUNT_DRAWS = 1000  # for counts of a study's own ruptures

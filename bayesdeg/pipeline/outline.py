@@ -236,7 +236,7 @@ def _asked(study: Study) -> list[Cause]:
     wanted = study.settings.candidates
     if wanted is not None:
         unknown = [
-            Fault(FILE, "is no cause", use_one_of(name, CATALOGUE),
+            Fault(FILE, "is not a cause", use_one_of(name, CATALOGUE),
                   None, "causes.candidates", name)
             for name in wanted if name not in CATALOGUE
         ]  # fmt: skip
@@ -385,7 +385,7 @@ def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) ->
     acting = (Acting(cause, {name: size * one for name, size in cause.typical.items()}),)
     met = applied("on_inputs", plain, conditions, acting)
     moved = [name for name in ("wall_factor", "erosion", "skin") if getattr(met, name) is not None]
-    return "a meshed part does not say which faces are walls" if moved else None
+    return "the mesh does not mark which faces are walls" if moved else None
 
 
 def _unseen(
@@ -420,7 +420,7 @@ def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
         name = cause.qualified(parameter.name)
         law = stated.get(name, parameter.law)
         if isinstance(parameter.law, Choice) and name in stated:
-            problem = f"is {parameter.law}, which is no range for a prior"
+            problem = f"is {parameter.law}, which is not a valid prior range"
             remedy = "remove it; to rule the cause out, leave it out of [causes] candidates"
             faults.append(Fault("study.toml", problem, remedy, None, f"priors.{name}", str(law)))
             continue
@@ -428,7 +428,7 @@ def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
         if np.isfinite(neutral) and law.allows(parameter.neutral or 0.0):
             parameters.append(replace(parameter, law=law))
         else:
-            problem = f"leaves out {parameter.neutral:g}, the value without an effect"
+            problem = f"excludes {parameter.neutral:g}, the value without an effect"
             remedy = "use normal, student_t, or truncated_normal with a bound at that value"
             faults.append(Fault("study.toml", problem, remedy, None, f"priors.{name}", str(law)))
     if faults:

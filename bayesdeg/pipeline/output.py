@@ -34,17 +34,17 @@ else:
 
 LOCK = ".lock"
 OWNER = ".study.json"
-"""Says in a run folder which study's it is, also of a run that has not ended."""
+"""File in a run folder that identifies its study, even for an unfinished run."""
 
 CHECKPOINTS = "checkpoints"
-OTHER = "name another folder with --out"
+OTHER = "name a different folder with --out"
 
 
 class Owner(FileRecord):
     """The content of ``.study.json``."""
 
     study: Text = Field(default="", description="name of the study")
-    folder: Text = Field(default="", description="way from the run folder to that of the study")
+    folder: Text = Field(default="", description="relative path from the run folder to the study")
     hashes: Texts = Field(default={}, description="SHA-256 of the files of the study")
 
 
@@ -94,7 +94,7 @@ def update_folder(path: Path, report: Path, study: Study) -> Iterator[RunFolder]
     """
     if path.resolve() == report.resolve():
         raise BayesdegError(
-            f"{path} is the run that is updated, which stays as it is; name another folder with "
+            f"{path} is the run being updated, which is not changed; name a different folder with "
             "--out"
         )
     if _is_there(path / f"{RUN}.json") and not _is_there(path / ADDED):
@@ -125,7 +125,7 @@ def virtual_study(path: Path, files: Iterable[str]) -> Iterator[Path]:
         for name in files:
             if (path / name).exists() and not is_virtual(path / name):
                 raise BayesdegError(
-                    f"{path / name} is not of a virtual experiment and would be overwritten or "
+                    f"{path / name} is not from a virtual experiment and would be overwritten or "
                     f"removed; {OTHER}, such as {path.name}_virtual"
                 )
         yield path
@@ -163,7 +163,7 @@ def output_file(path: Path) -> Path:
     of_run = path.name in RUN_FILES and _is_there(folder / f"{RUN}.json")
     if of_study or of_run:
         whose = "the data of a study" if of_study else "the results of a run"
-        raise BayesdegError(f"{path} belongs to {whose}; name another file with --out")
+        raise BayesdegError(f"{path} belongs to {whose}; name a different file with --out")
     try:
         was_there = path.exists()
         if was_there:
@@ -174,8 +174,8 @@ def output_file(path: Path) -> Path:
             path.unlink()
     except OSError as fault:
         raise BayesdegError(
-            f"{path} cannot be written ({reason(fault)}); name a file in a folder that exists and "
-            "can be written to"
+            f"{path} cannot be written ({reason(fault)}); name a file in an existing, writable "
+            "folder"
         ) from fault
     return path
 
@@ -200,7 +200,7 @@ def refuse_study(path: Path, *, itself: bool = True) -> None:
         if _is_there(folder / SETTINGS_FILE):
             place = "is" if folder == whole else "lies in"
             raise BayesdegError(
-                f"{path} {place} the study {folder}, whose data a result must not be mixed with; "
+                f"{path} {place} the study {folder}; results must not be mixed with its data; "
                 f"{OTHER}"
             )
 
@@ -224,7 +224,7 @@ def claimed(path: Path) -> Iterator[None]:
     except OSError as fault:
         _remove_empty(new)
         raise BayesdegError(
-            f"{path} cannot be made and written to ({_why(fault)}); {OTHER}"
+            f"{path} cannot be created or written to ({_why(fault)}); {OTHER}"
         ) from fault
     try:
         yield
@@ -254,7 +254,7 @@ def _locked(path: Path) -> IO[bytes]:
         except BlockingIOError as fault:
             file.close()
             raise BayesdegError(
-                f"another command is writing to {path.parent}; wait for its end, or {OTHER}"
+                f"another command is writing to {path.parent}; wait until it ends, or {OTHER}"
             ) from fault
         file.close()
 
@@ -282,14 +282,14 @@ def _refuse_other_run(path: Path, study: Study) -> None:
         taken = sorted(name for name in RUN_FILES if _is_there(path / name))
         if taken and not _is_there(path / CHECKPOINTS):
             raise BayesdegError(
-                f"{path} holds {taken[0]}, which no run has written, and which would be "
+                f"{path} holds {taken[0]}, which was not written by a run and would be "
                 f"overwritten; {OTHER}"
             )
         return
     if not _is_same(path, owner, study):
         whose = owner.folder or owner.study
         raise BayesdegError(
-            f"{path} holds the run of another study, {whose}, and not of {study.folder}; {OTHER}, "
+            f"{path} holds the run of a different study, {whose}, not of {study.folder}; {OTHER}, "
             "or remove that run"
         )
 

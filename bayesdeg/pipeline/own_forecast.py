@@ -64,8 +64,8 @@ def read_own(path: Path, *, base: bool = False) -> OwnStored:
     run, verdict = folder.read_run(), folder.read_verdict()
     if ":" not in run.forward:
         raise BayesdegError(
-            f"{path} was written from Python, and its function is in no study folder: ask "
-            "bayesdeg.predict or bayesdeg.control there"
+            f"{path} was written from Python and its forward map is not stored: predict from "
+            "Python with bayesdeg.predict or bayesdeg.control"
         )
     owner = owner_of(path)
     study = read_study(path / ("" if owner is None else owner.folder))
@@ -73,7 +73,7 @@ def read_own(path: Path, *, base: bool = False) -> OwnStored:
     if changed:
         raise BayesdegError(
             f"{', '.join(changed)} of {study.name} changed since the run; run it again, so that "
-            "the posterior is of the function as it is"
+            "the posterior belongs to the current function"
         )
     found = assemble(study)
     assert found.own is not None
@@ -82,7 +82,7 @@ def read_own(path: Path, *, base: bool = False) -> OwnStored:
     names = dict.fromkeys(name.split(".")[0] for name in draws if "." in name)
     model = found.model.extended(*(cause_of(name, found.candidates) for name in names))
     if set(model.table.names) != set(draws):
-        raise BayesdegError(f"{path}: the posterior is of another model; run the study again")
+        raise BayesdegError(f"{path}: the posterior is of a different model; run the study again")
     vectors = model.table.vectors(draws)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
     return OwnStored(found.own, DrawnFormula(model, chain), run, verdict)

@@ -27,10 +27,10 @@ def named_files(
     places, faults = {}, []
     root = folder / inner
     if not root.is_dir():
-        return {}, [Fault(table, f"names {kind}, and there is no folder {inner}", "add it")]
+        return {}, [Fault(table, f"names {kind}, but there is no folder {inner}", "add it")]
     for name in names:
         if problem := wrong_place(folder, root, name):
-            remedy = f"put it into {inner} of the study and write its name there"
+            remedy = f"put it into the folder {inner} of the study and give its name there"
             faults.append(Fault(table, problem, remedy, None, "file", name))
         else:
             places[name] = root / name
@@ -47,6 +47,6 @@ def wrong_place(study: Path, folder: Path, name: str) -> str:
         whole = (folder / name).resolve()
         if not whole.is_relative_to(study.resolve()):
             return outside
-        return "" if whole.exists() else "is not there"
+        return "" if whole.exists() else "does not exist"
     except (OSError, RuntimeError):  # too long a name, a loop of links
-        return "is not there"
+        return "does not exist"

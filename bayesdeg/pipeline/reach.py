@@ -25,10 +25,10 @@ from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
 
 MARGIN = 0.03
-"""By which readings stay below the end of a curve, of its pressure: films tell the stiffness, to
-which that is in proportion, to 2 or 3 %."""
+"""Margin of readings below the end of a curve, relative to its pressure, which is proportional to
+the stiffness that films determine to 2 or 3 %."""
 MOST = 0.5
-"""Of the readings of a specimen: where more lie beyond, a unit or a constant is wrong."""
+"""Share of a specimen's readings: if more lie beyond, a unit or a constant is wrong."""
 
 
 def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> Assembly:

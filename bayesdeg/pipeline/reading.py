@@ -63,7 +63,7 @@ def _refuse_options_of_nothing(study: Study) -> None:
         ("captures", settings.captures, CaptureOptions(), "captures", "captures.csv"),
     )
     faults = [
-        Fault(FILE, f"is there without {file}", f"add {file}, or leave [{key}] out", None, key)
+        Fault(FILE, f"is given without {file}", f"add {file}, or leave [{key}] out", None, key)
         for key, stated, nothing, table, file in of_files
         if stated != nothing and study.table(table) is None
     ]

@@ -399,7 +399,7 @@ OF_VERDICT = (
     OptionalStage.EXTENDED,
     OptionalStage.WHERE,
 )
-"""What a reader of the verdict misses, where no reason of the decision says it already."""
+"""Notes about missing tests, if no reason of the decision already says so."""
 
 
 def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guard) -> VerdictRecord:
@@ -615,8 +615,8 @@ def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
 
 MOST_LOGS = 20.0  # of a size that is a logarithm, for one that is none
 ALIKE = 0.35
-"""How far the stiffness of two specimens may be off that of each other's degradation rate, over
-the difference of both: the scatter of specimens is some tenth of such a difference."""
+"""Allowed deviation of the stiffness of two specimens from that of each other's degradation rate,
+over the difference of both: specimen scatter is about a tenth of such a difference."""
 
 
 def _exchanged_with(one: Aside, results: Results, whole: Study) -> str:

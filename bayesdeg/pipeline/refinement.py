@@ -44,14 +44,14 @@ Floats = NDArray[np.float64]
 DRAWS = 60  # of each posterior
 WEIGHED = 1000  # draws by which shifts are known to 3 % of the spread of the change
 FIRST, MORE, REFINING_ROUNDS = AT_THE_POSTERIOR, 8, 3
-"""Fine curves where the posterior lies, those that are added while they are too few, how often."""
+"""Fine curves in the posterior region, further ones per round while too few, and rounds."""
 LAST_ROUNDS = REFINING_ROUNDS
-"""The same at the end of the training of an emulator for one study; 0 for none."""
+"""Fine curves at the end of training an emulator for one study; 0 for none."""
 RIVALS = 3  # causes that are fitted, the first of those that screening puts near the best
 COMMON_ERROR = "emulator_error_"  # begins the names of what an emulator's error is by the model
 TARGET_SHIFT = 0.1
-"""Shift of a posterior mean that is small [sd]: an interval that should be as much wider is so by
-half a percent, and 400 effective draws leave 0.05 of Monte Carlo error."""
+"""A negligible shift of a posterior mean [sd]: it would widen an interval by half a percent, and
+400 effective draws leave a Monte Carlo error of 0.05."""
 
 
 @dataclass(frozen=True)

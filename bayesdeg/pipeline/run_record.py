@@ -84,7 +84,7 @@ def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> li
 
 
 FEWEST_RUPTURES = 0.05
-"""Expected ruptures that are told as a number: fewer than one in twenty such studies."""
+"""Expected ruptures below which only a bound is shown: fewer than one in twenty such studies."""
 
 
 def _expected_ruptures(counts: CountMisfit | None, degradation: float) -> str:
@@ -304,7 +304,7 @@ def _proposal_counts(results: Results) -> dict[str, int]:
     for label, fit in results.fits.items():
         counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
         counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
-    name = "finite element curves of the emulator that met a limit point"
+    name = "finite element curves of the emulator with a limit point"
     return counts | ({} if cut is None else {name: int(cut)})
 
 
@@ -360,7 +360,7 @@ def _refused_words(refused: dict[str, str]) -> str:
     """Say which inputs of new specimens are refused."""
     if not refused:
         return ""
-    return f"Of new specimens in the same tests it refuses: {'; '.join(refused.values())}."
+    return f"For new specimens in the same tests it refuses: {'; '.join(refused.values())}."
 
 
 def emulator_facts(record: str) -> EmulatorEntry:
@@ -514,7 +514,7 @@ def _use_of_elongation(study: Study, model: JointModel) -> str:
         one.quantity == "elongation_at_break" for one in model.statistics
     )
     if measured:
-        return "the study has elongations of its own"
+        return "the study has its own elongations"
     stated = node_name("elongation", 0.0) in study.settings.priors
     return "the study states a prior" if stated else "prior"
 

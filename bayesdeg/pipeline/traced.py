@@ -95,7 +95,7 @@ def _read(study: Study, found: list[TracedPhotograph], hashes: Mapping[str, str]
     ]
     if not lines:
         why = f"{found[0].file}: {found[0].refused}"
-        problem = f"has no photograph of {len(found)} in which a line could be traced"
+        problem = f"has {len(found)} photographs, but no line could be traced in any"
         raise StudyError([Fault(FILE, problem, f"the first: {why}")])
     pixels = dict.fromkeys(("x_px", "y_px", "scale_mm_per_px"), np.nan)
     markers = pd.concat(lines, ignore_index=True).assign(**pixels)
@@ -124,12 +124,12 @@ def _of_one_length(found: list[TracedPhotograph], moulded: float) -> list[Traced
 
 
 def _odd_length(length: float, usual: float | None, moulded: float) -> str:
-    remedy = "show the line with [photographs] hint, and check the scale"
+    remedy = "mark the line with [photographs] hint, and check the scale"
     if not SHORTEST <= length / moulded <= LONGEST:
-        found = f"{length:.3g} mm, of an actuator that is moulded {moulded:.3g} mm"
+        found = f"{length:.3g} mm, but the actuator is moulded with {moulded:.3g} mm"
         return f"its line measures {found}; {remedy}"
     if usual is not None and abs(length / usual - 1.0) > LENGTH_AGREES:
-        return f"its line measures {length:.3g} mm, and half of the others {usual:.3g} mm; {remedy}"
+        return f"its line measures {length:.3g} mm, the median of all {usual:.3g} mm; {remedy}"
     return ""
 
 
@@ -165,7 +165,7 @@ class _Tracing:
         try:
             content = read_bytes(path, most_mb=PHOTO_MB)
         except OSError as fault:
-            remedy = "give a photograph that can be read"
+            remedy = "give a readable photograph"
             problem = f"cannot be read ({reason(fault)})"
             raise StudyError([Fault(f"{FOLDER}/{name}", problem, remedy)]) from fault
         key = self._key(name, content)
@@ -234,14 +234,14 @@ def _raise(faults: Iterator[Fault] | list[Fault]) -> None:
 def _wrong_study(study: Study) -> Iterator[Fault]:
     for name, file in (("actuator", "actuator.csv"), (_MARKERS, "markers.csv")):
         if study.table(name) is not None:
-            remedy = "keep the photographs, or what was read of them"
-            yield Fault(FILE, f"is there beside {file}", remedy)
+            remedy = "keep either the photographs or the readings from them"
+            yield Fault(FILE, f"is given together with {file}", remedy)
     if not study.settings.photographs.has_scale:
         problem = "states no scale of the photographs"
         remedy = "give grid, ruler, length or scale in mm"
         yield Fault(SETTINGS_FILE, problem, remedy, None, "photographs")
     if not study.settings.is_default_mould:
-        problem = "is known of the default actuator alone: what points read of another is not"
+        problem = "is available only for the default actuator, not for points on a different one"
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
 
 

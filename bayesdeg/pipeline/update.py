@@ -81,17 +81,17 @@ ANEW = (
     *(columns.BANDS, columns.RUPTURE, columns.OBSERVATIONS, columns.LEVELS, columns.DECISIONS),
     *(columns.FITTED, columns.LIFETIME, columns.SHARES, columns.CRITERIA),
 )
-"""Tables that follow from the posterior and are made anew.
+"""Tables that follow from the posterior and are recomputed.
 
-All others are those of the run: of the verdict and of checks, which an update does not repeat, and
-of films, which readings of actuators do not change.
+All others are kept from the run: those of the verdict and of checks, which an update does not
+repeat, and those of films, which actuator readings do not change.
 """
 
 STAGES_ANEW = (
     *(OptionalStage.COMPARISONS, OptionalStage.IN_DOUBT),
     *(OptionalStage.READINGS, OptionalStage.REFUSED),
 )
-"""What else an update does again."""
+"""Further files that an update writes again."""
 
 VOLUME = "cavity_volume_ml"  # needs the curvatures of the same specimens anew
 COUNTS_STREAM = 3  # of the seed: simulated counts of ruptures
@@ -176,30 +176,30 @@ def finished(report: Path) -> FinishedRun:
     """
     if not report.is_dir():
         raise BayesdegError(
-            f"{report}: there is no such folder; name a run folder, such as reports/NAME, that "
+            f"{report}: no such folder; name a run folder, such as reports/NAME, that "
             "`bayesdeg run` has written"
         )
     folder = RunFolder(report)
     run, verdict = folder.read_run(), folder.read_verdict()
     if run.forward:
         raise BayesdegError(
-            f"{report}: the run is of a forward map of one's own, which cannot be updated yet; add "
-            "the readings to readings.csv and run the study again"
+            f"{report}: runs with a user's forward map cannot be updated yet; add the readings to "
+            "readings.csv and run the study again"
         )
     if run.model is None or "pressure_kPa" not in run.model.measured:
         raise BayesdegError(
-            f"{report}: the study has no readings of actuators to which others could be added; add "
-            f"{FILE} to the study and run it again"
+            f"{report}: the study has no actuator readings to add to; add {FILE} to the study and "
+            "run it again"
         )
     if any(one.set_aside for one in run.suspects):
         raise BayesdegError(
             f"{report}: the run set specimens or readings aside (suspects.csv), which only a new "
-            f"run can judge again: add the rows to {FILE} of the study and run it again"
+            f"run can reconsider: add the rows to {FILE} of the study and run it again"
         )
     study = _study_of(report, owner_of(report) or Owner(), run)
     if study.line_points is not None:
         raise BayesdegError(
-            f"{report}: the run is of lines of points, to which no readings can be added yet; add "
+            f"{report}: the run uses lines of points, to which no readings can be added yet; add "
             f"the points to {study.lines_file} and run the study again"
         )
     return FinishedRun(folder, run, verdict, study, _earlier(folder, run))
@@ -209,9 +209,8 @@ def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
     place = report / owner.folder
     if not owner.folder or not place.is_dir():
         raise BayesdegError(
-            f"{report}: the study {owner.folder or run.study} of this run is not there any more; "
-            "the run holds draws, and readings are weighed with those of the study: put it back, "
-            "or run it again"
+            f"{report}: the study {owner.folder or run.study} of this run no longer exists, but an "
+            "update needs its readings: put it back, or run it again"
         )
     study = read_study(place)
     names = {*run.hashes, *study.hashes}
@@ -219,7 +218,7 @@ def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
     if changed:
         raise BayesdegError(
             f"{', '.join(changed)} of {study.name} changed since the run; run it again, so that "
-            "the posterior is of the study as it is"
+            "the posterior belongs to the current study"
         )
     return study
 
@@ -232,13 +231,10 @@ def _earlier(folder: RunFolder, run: RunRecord) -> bytes | None:
     try:
         content = read_bytes(path, most_mb=STUDY_MB)
     except OSError as fault:
-        raise BayesdegError(
-            f"{path}: {reason(fault)}; update the run again that it was made of"
-        ) from fault
+        raise BayesdegError(f"{path}: {reason(fault)}; update the original run again") from fault
     if hashlib.sha256(content).hexdigest() != run.update.added_sha256:
         raise BayesdegError(
-            f"{path}: it is not the file that was written with this run; update the run again that "
-            "it was made of"
+            f"{path}: this is not the file written with this run; update the original run again"
         )
     return content
 
@@ -283,14 +279,14 @@ def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Stu
     )
     if VOLUME in found.filled:
         raise BayesdegError(
-            f"{name}: volumes ({VOLUME}) are not taken in by an update; leave the column out, or "
-            "add the rows to the study and run it again"
+            f"{name}: an update cannot use volumes ({VOLUME}); leave the column out, or add the "
+            "rows to the study and run it again"
         )
     known = {p.name for p in outline(before).base}
     wanted = [p.name for p in outline(after).base if p.name not in known]
     if wanted:
         raise BayesdegError(
-            f"{name}: the run has no parameters for what was read ({', '.join(wanted)}); add the "
+            f"{name}: the run lacks parameters for these readings ({', '.join(wanted)}); add the "
             "rows to the study and run it again, or leave out the column or specimen"
         )
     return found, before, after
@@ -361,8 +357,8 @@ def _beyond(study: Study, model: JointModel) -> set[tuple[str, float, str, float
 def _out_of_reach(name: str, specimen: str, pressures: Sequence[str]) -> Fault:
     return Fault(
         name,
-        f"by films and priors it balloons before {' and '.join(dict.fromkeys(pressures))} kPa, so "
-        "that no curve of the model goes so far",
+        f"by films and priors it balloons below {' and '.join(dict.fromkeys(pressures))} kPa, so "
+        "no model curve reaches that far",
         f"leave these rows out, or add all rows to {FILE} of the study and run it again, which "
         "sets such readings aside",
         specimen=specimen,
@@ -382,8 +378,8 @@ def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
     model = assembly.extended(*(known[name] for name in wanted if name in known))
     if lacking or set(model.table.names) != set(names):
         raise BayesdegError(
-            "the posterior is of another model than the study gives in this version; run the study "
-            "again"
+            "the posterior is of a different model from that of the study in this version; run the "
+            "study again"
         )
     return model
 
@@ -399,8 +395,8 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, StoredPosterior]:
     entry = of.run.model
     if entry is not None and entry.nodes_pct != assembly.model.nodes:
         raise BayesdegError(
-            f"{of.folder.path}: run.json has nodes of degradation ({entry.nodes_pct}) that are not "
-            f"those of the study ({assembly.model.nodes}); run the study again"
+            f"{of.folder.path}: run.json has degradation nodes ({entry.nodes_pct}) that differ "
+            f"from those of the study ({assembly.model.nodes}); run the study again"
         )
     found: dict[str, StoredPosterior] = {}
     for posterior in (POSTERIOR, POSTERIOR_BASE):
@@ -448,8 +444,8 @@ def _taken_in(
         sample = updated.posterior
         raise BayesdegError(
             f"the new readings move the posterior too far for its draws ({sample.effective:.0f} "
-            f"effective draws of {FEWEST:.0f} wanted, Pareto k {sample.pareto_k:.2f} of "
-            f"{RELIABLE_K:g} at most): add the rows to {FILE} of the study and run it again"
+            f"effective draws, {FEWEST:.0f} required; Pareto k {sample.pareto_k:.2f}, at most "
+            f"{RELIABLE_K:g}): add the rows to {FILE} of the study and run it again"
         )
     return TakenIn(_fit(model, updated, generator), updated, vectors)
 
@@ -462,8 +458,8 @@ def _refuse_other_density(
     if not np.all(np.abs(model.log_prob(vectors[some]) - known[some]) <= SAME):
         raise BayesdegError(
             f"{of.folder.path}: this version of bayesdeg ({bayesdeg.__version__}; the run: "
-            f"{of.run.version}) computes another density of its draws than is recorded; run the "
-            "study again"
+            f"{of.run.version}) computes a density of its draws that differs from the record; run "
+            "the study again"
         )
 
 
@@ -648,7 +644,7 @@ def _results(
         if number and drawn[posterior] is drawn[POSTERIOR]:
             taken[posterior] = taken[POSTERIOR]
             continue
-        progress.stage(f"taking the readings in: {posterior}")
+        progress.stage(f"adding the readings: {posterior}")
         generator = np.random.default_rng(_seed(of, seed, 1 + number))
         # predictions are the final model's; the base model is only taken along
         enough = ENOUGH if posterior == POSTERIOR else FEWEST

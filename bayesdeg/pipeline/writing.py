@@ -348,7 +348,7 @@ def _volume_ratios(study: Study) -> list[dict[str, object]]:
             "sd": printed.standard_error,
             "unit": "–",
             "n": float(printed.count),
-            "rests_on": "shrinkage.csv, densities averaged by mass: for comparison, not used",
+            "rests_on": "shrinkage.csv, densities averaged by mass: for comparison only",
         }
     ]
 
@@ -800,8 +800,8 @@ def _criteria_table(found: TableSources) -> pd.DataFrame | None:
 
 
 HIGHER = 4.0
-"""Largest pressure at which rupture is asked for, over the largest that was tested: walls of stiff
-material are nowhere near their limit below."""
+"""Largest pressure for rupture predictions, over the largest that was tested: walls of stiff
+material are far from their limit below that."""
 STEP = 10.0  # kPa, between pressures of tables, at most
 STEPS = 10  # to the largest pressure that was tested, at least
 

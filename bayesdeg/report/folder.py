@@ -331,7 +331,7 @@ class RunFolder:
             raise self._corrupted("photograph", reason(fault)) from fault
 
     def write_left_out(self, text: str) -> None:
-        """Write the tracebacks of what was left out; without any, remove those of an earlier run."""
+        """Write the tracebacks of failed stages; without any, remove those of an earlier run."""
         if text:
             write_text(self.path / LEFT_OUT, text)
         else:

@@ -199,7 +199,7 @@ def _before_update(run: RunRecord) -> frozenset[str]:
 
 
 def _left_out(verdict: VerdictRecord, guard: Guard) -> tuple[tuple[str, str], ...]:
-    """Return what the run left out, with figures that fail now instead of those that failed then."""
+    """Return what the run left out, with the figures that fail now, not those that failed then."""
     of_page = (FIGURE, OptionalStage.PAGE)
     stages = [(o.stage, o.why) for o in verdict.left_out if not o.stage.startswith(of_page)]
     figures = [(o.stage, o.why) for o in guard.left_out if o.stage.startswith(FIGURE)]
