@@ -132,7 +132,7 @@ def _of_whole_range(
         _warn(
             [
                 f"training over the whole range takes {duration(expectation.seconds)}; for a "
-                f"study, bayesdeg.emulator(study) trains only where it needs it, in {duration(study)}"
+                f"study, bayesdeg.emulator(study) trains only its own region, in {duration(study)}"
             ]
         )
         trained = train_emulator(campaign, expectation, show)
@@ -166,8 +166,8 @@ def calibrate(
         By default that of the study; 0 for other models. With the same seed the base model of a
         study is calibrated as by ``bayesdeg run``.
     workers : int, optional
-        Number of processes; by default one per core. Your own forward maps and causes run in this
-        process.
+        Number of processes; by default one per core. Your own forward maps and causes run in
+        this process.
     progress : bool, optional
         Whether to show progress; by default on a terminal.
 

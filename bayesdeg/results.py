@@ -65,8 +65,8 @@ class Model:
     forward : callable, optional
         For a study, a forward map of its actuators, such as an `emulator`; by default the one that
         ships with the package or was trained here. For readings, a function of ``values``, a
-        mapping of names to arrays (k,), and ``x`` as the `Readings` hold it, that returns predictions
-        (k, n). Parameters of active causes are among the values, as ``cause.parameter``.
+        mapping of names to arrays (k,), and ``x`` as the `Readings` hold it, that returns
+        predictions (k, n). Parameters of active causes are among the values as ``cause.parameter``.
     parameters : sequence of Parameter
         Unknowns of your own forward map, with their priors.
     catalogue : sequence of Cause

@@ -1,8 +1,8 @@
-r"""Recordings of motion capture become lines of points: markers, frames of a hold, pressures.
+r"""Lines of points from motion capture: markers, frames of a hold, pressures.
 
-Each row of ``captures.csv`` is a hold. Its line goes through the markers that ``[captures]`` of
-``study.toml`` names, averaged over those frames in which all of them were seen, in the plane of
-bending. What cannot be read is a fault of the study, all of them together.
+Each row of ``captures.csv`` is a hold. Its line goes through the markers named in ``[captures]`` of
+``study.toml``, averaged over the frames in which all of them are visible, in the bending plane.
+Faults of all recordings are reported together.
 
 With s the standard deviation of a coordinate over n frames and τ its integrated autocorrelation
 time in frames, the mean has the standard error
@@ -39,12 +39,12 @@ Floats = NDArray[np.float64]
 
 #: Ten minutes of 20 markers and 16 channels at 1 kHz have 60 MB [MB].
 CAPTURE_MB = 200.0
-#: Of the length of the line: markers that leave the plane of bending by more do not bend in it.
+#: Share of the line's length by which markers may leave the bending plane.
 OFF_PLANE = 0.1
-#: Frames below which their autocorrelation cannot be told: then the mean is no better than one.
+#: With fewer frames the autocorrelation is unknown: the mean then counts as one frame.
 FEW_FRAMES = 10
 WINDOW = 5.0  # autocorrelation times, after Sokal
-#: Bending leaves the straight line by so many times what leaves the plane, or there is none.
+#: Least deviation from a straight line, over that from the plane, that counts as bending.
 BENT = 3.0
 SAME_PLACE = 1e-6  # mm: far below what is measured, far above rounding
 MILLIMETRES: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -82,7 +82,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class BendingPlane:
-    """The plane in which an actuator bends.
+    """The bending plane of an actuator.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class BendingPlane:
 
 
 def with_captures(study: Study, progress: Progress) -> Study:
-    """Return a study whose recordings have been read, and their lines with them.
+    """Return a study with the lines read from its recordings.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def _wrong_study(study: Study) -> Iterator[Fault]:
 def _recordings(
     places: Mapping[str, Path], progress: Progress
 ) -> tuple[dict[str, Recording], dict[str, str], list[Fault]]:
-    """Read every file once; return recordings and hashes by name, and what is wrong."""
+    """Read every file once; return recordings and hashes by name, and faults."""
     progress.stage("reading recordings", len(places))
     found, hashes, faults = {}, {}, []
     for name, path in places.items():
@@ -194,7 +194,7 @@ def _recordings(
 
 
 def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator[Fault]:
-    """Find what a recording lacks that ``[captures]`` asks of it."""
+    """Find what a recording lacks that ``[captures]`` requires."""
     file, there = f"{FOLDER}/{name}", recording.labels
     if not options.markers:
         shown = ", ".join(there[:_MOST_NAMES])
@@ -229,7 +229,7 @@ def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator
 
 
 def places_of(name: str, labels: Sequence[str]) -> list[int]:
-    """Return where a name is among labels: as it is, or less the subject before a colon.
+    """Return the index of a name among labels, with or without a subject before a colon.
 
     Examples
     --------
@@ -241,7 +241,7 @@ def places_of(name: str, labels: Sequence[str]) -> list[int]:
 
 
 def _unit_of(recording: Recording, channel: int) -> float | None:
-    """Return the kPa of a channel's unit, if that is one of pressure."""
+    """Return a channel's unit in kPa, if it is one of pressure."""
     return KILOPASCALS.get(recording.channel_units[channel].lower())
 
 
@@ -285,7 +285,7 @@ def _hold(row: Mapping[str, object], recording: Recording, options: CaptureOptio
 
 
 def _frames(row: Mapping[str, object], recording: Recording) -> NDArray[np.int_]:
-    """Return the places of a row's frames in the recording; all of them where it names none."""
+    """Return the indices of a row's frames in the recording; all if it names none."""
     first, last = recording.first_frame, recording.first_frame + len(recording.points) - 1
     low = first if np.isnan(start := _number(row, "first_frame")) else int(start)
     high = last if np.isnan(end := _number(row, "last_frame")) else int(end)
@@ -332,7 +332,7 @@ def _specimen(hold: Hold) -> str:
 def _planes(
     holds: list[Hold], options: CaptureOptions
 ) -> tuple[dict[str, BendingPlane], list[Fault]]:
-    """Return the plane in which each specimen bends, and which bend in none."""
+    """Return the bending plane of each specimen, and the specimens without one."""
     planes: dict[str, BendingPlane] = {}
     faults = []
     for name in dict.fromkeys(map(_specimen, holds)):
@@ -361,7 +361,7 @@ def _length(line: Floats) -> float:
 
 
 def _apart(hold: Hold, plane: BendingPlane, options: CaptureOptions) -> Fault | None:
-    """Return what is wrong with a line that has neighbours at one place."""
+    """Return the fault of a line with coincident neighbours."""
     steps = np.linalg.norm(np.diff(plane.placed(hold.points), axis=0), axis=1)
     if steps.min() > SAME_PLACE:
         return None
@@ -422,7 +422,7 @@ def _axis(name: str) -> Floats:
 
 
 def fitted_plane(lines: list[Floats]) -> BendingPlane | None:
-    """Return the plane in which lines bend; None if they are too straight to have one.
+    """Return the bending plane of lines; None if they are too straight.
 
     Parameters
     ----------
@@ -458,14 +458,14 @@ def fitted_plane(lines: list[Floats]) -> BendingPlane | None:
 
 
 def _turned(line: Floats) -> float:
-    """Return by how much a line turns from its first to its last step, to the left [rad]."""
+    """Return the angle, to the left, from the first to the last step of a line [rad]."""
     steps = np.diff(line, axis=0)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     return float(heading[-1] - heading[0])
 
 
 def error_of_mean(values: Floats) -> Floats:
-    """Return the standard error of the mean of frames, (n_series,); 0 of one frame.
+    """Return the standard error of the mean of frames, (n_series,); 0 for one frame.
 
     Parameters
     ----------
@@ -502,7 +502,7 @@ def _correlation_time(series: Floats) -> float:
 
 
 def shifted(line: Floats, distance: float) -> Floats:
-    """Return a line moved away from the paper, at right angles to itself, (n, 2) [mm].
+    """Return a line offset normally away from the paper, (n, 2) [mm].
 
     Centres of markers that sit on the paper are a distance below the bottom line.
 

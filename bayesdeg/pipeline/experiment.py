@@ -1,4 +1,4 @@
-"""A study, or readings with a forward map of one's own, as the verbs of the library ask them."""
+"""A study, or readings with a user's forward map, behind the public functions."""
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
@@ -76,14 +76,14 @@ from bayesdeg.report.tables import ALL_LEVELS
 
 Floats = NDArray[np.float64]
 
-MOST_OF_ONE_LEVEL = 2  # rows of a model: its one level, and all of them pooled
+MOST_OF_ONE_LEVEL = 2  # rows per model: its one level, and all levels pooled
 SCORED_FIRST = ("model", "level", "elpd", "elpd_se", "elpd_diff", "elpd_diff_se", "rmse", "crps")
 SCORED_ELSE = ("rmse_per_m", "crps_per_m")
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What a verdict is made of.
+    """The parts of a verdict.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Written:
-    """A calibration as a report takes it.
+    """A calibration for a report.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Written:
 
 @dataclass(frozen=True)
 class ModelledExperiment:
-    """A study with its base model and the causes that are active.
+    """A study with its base model and active causes.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class ModelledExperiment:
     def of(
         cls, study: Study, forward: ForwardMap | None, active: Iterable[Cause | str]
     ) -> "ModelledExperiment":
-        """Check a study against what is possible, and build its models.
+        """Check a study for impossible data, and build its models.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class ModelledExperiment:
         catalogue: Iterable[Cause],
         active: Iterable[Cause | str],
     ) -> "ModelledExperiment":
-        """Build the model of readings and a forward map of one's own.
+        """Build the model of readings and a user's forward map.
 
         Raises
         ------
@@ -192,12 +192,12 @@ class ModelledExperiment:
 
     @property
     def own(self) -> OwnMap | None:
-        """The forward map of the user's own, if it is one."""
+        """The user's forward map, if any."""
         return self.assembly.own
 
     @property
     def density(self) -> JointModel:
-        """What is sampled.
+        """The sampled density.
 
         Raises
         ------
@@ -226,7 +226,7 @@ class ModelledExperiment:
 
     @property
     def is_parallel(self) -> bool:
-        """Whether other processes know all that is computed with: nothing is the user's own."""
+        """Whether other processes can compute it, which excludes functions of the user."""
         if self.own is not None:
             return False
         forward = mechanics_of(self.assembly.model.forward)
@@ -235,7 +235,7 @@ class ModelledExperiment:
         return ours and all(map(_is_ours, tried))
 
     def cause(self, given: Cause | str) -> Cause:
-        """Return a cause by its name, with the priors that the study states, or a cause as it is.
+        """Return a cause by name, with the priors of the study, or a given cause unchanged.
 
         Raises
         ------
@@ -252,7 +252,7 @@ class ModelledExperiment:
         return known[given]
 
     def with_candidates(self, causes: str | Iterable[Cause | str]) -> "ModelledExperiment":
-        """Return the experiment with other candidates: ``all`` that the study has, or a list."""
+        """Return the experiment with different candidates: ``all`` of the study, or a list."""
         if causes == "all":
             self._refuse_no_candidates(self.assembly.candidates)
             return self
@@ -280,7 +280,7 @@ class ModelledExperiment:
         )
 
     def fit(self, effort: Effort, seed: int, progress: Progress, executor: Executor | None) -> Fit:
-        """Calibrate the model; of the base model as ``bayesdeg run`` does with the same seed."""
+        """Calibrate the model; the base model as ``bayesdeg run`` does with the same seed."""
         streams = Streams.of(seed)
         found = None if self.judgement is None else extended_model(self.judgement)
         return calibrate(
@@ -295,21 +295,21 @@ class ModelledExperiment:
         )
 
     def said_of_map(self, fit: Fit | None = None) -> tuple[str, ...]:
-        """Say where the user's own forward map has no answer, at a fit's proposals too."""
+        """Say where the user's forward map fails, including a fit's proposals."""
         known = self.assembly.answers
         if known is not None and fit is not None:
             known = forward_map_of(Results(self.assembly, fit, fit, None))
         return () if known is None else forward_map_words(known)
 
     def posterior(self, fit: Fit, effort: Effort, seed: int) -> xr.DataTree:
-        """Return the draws that a run folder keeps, with predictions of what was read."""
+        """Return the draws that a run folder keeps, with predictions of the readings."""
         kept = fit.chain.thinned(EFFORTS[effort].kept)
         return to_datatree(fit.model, kept, np.random.default_rng(Streams.of(seed).drawing))
 
     def judge(
         self, fit: Fit, effort: Effort, seed: int, progress: Progress, executor: Executor | None
     ) -> Judged:
-        """Judge the base model; the same as ``bayesdeg run`` with the same seed.
+        """Judge the base model, as ``bayesdeg run`` does with the same seed.
 
         Raises
         ------
@@ -341,17 +341,17 @@ class ModelledExperiment:
         return Judged(document, self.assembly.causes, judgement)
 
     def trial(self, fit: Fit) -> Trial:
-        """Return the calibration as what groups of readings can be left out of."""
+        """Return the calibration in a form from which groups of readings can be held out."""
         return base_of(fit)
 
     def folds(self, seed: int) -> np.random.SeedSequence:
-        """Return the seed with which a verdict holds out what the model is fitted to."""
+        """Return the seed with which a verdict holds out data."""
         if self.own is not None:
             return np.random.SeedSequence(seed).spawn(2)[1]
         return Streams.of(seed).verdict.spawn(3)[1]
 
     def tidy(self, gain: pd.DataFrame) -> pd.DataFrame:
-        """Return held-out scores; of a forward map of one's own in the unit of its readings."""
+        """Return held-out scores, for a user's forward map in the unit of its readings."""
         if self.own is None:
             return gain
         several = gain["degradation_pct"].nunique() > MOST_OF_ONE_LEVEL
@@ -393,7 +393,7 @@ class ModelledExperiment:
         conditions: ServiceConditions = PROMPT,
         beyond: bool = False,
     ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-        """Return the pressure for each curvature at each degradation rate, and what bounds it."""
+        """Return the pressure for each curvature at each degradation rate, and its limit."""
         if self.own is not None:
             raise BayesdegError(
                 "a model with its own forward map has no curvature and no pressure: use "
@@ -415,7 +415,7 @@ class ModelledExperiment:
         return forecast.settings_table(found), said
 
     def predict_own(self, fit: Fit, effort: Effort, seed: int, x: Any) -> pd.DataFrame:
-        """Return what a new specimen would show at x, without reading error."""
+        """Return predictions for a new specimen at x, without reading error."""
         return formula.predict(
             *self._of_own(fit, effort, "pressure=... and degradation=..."),
             x,
@@ -425,7 +425,7 @@ class ModelledExperiment:
     def control_own(
         self, fit: Fit, effort: Effort, seed: int, wanted: Floats, x: Any
     ) -> pd.DataFrame:
-        """Return the input at which the reading is as wanted."""
+        """Return the input that gives the wanted reading."""
         asked = self._of_own(fit, effort, "curvature=... and degradation=...")
         return formula.control(*asked, wanted, x, np.random.SeedSequence([seed, 1]))
 
@@ -460,7 +460,7 @@ class ModelledExperiment:
         *,
         beyond: bool,
     ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-        """Return what becomes of actuators in the soil, and what a user should know."""
+        """Return the life of actuators in the soil, with warnings."""
         times = default_hours(forecast.ranges_of(self._document)) if hours is None else hours
         experience = experience_of(self._document)
         life = lifetime_of(
@@ -480,7 +480,7 @@ class ModelledExperiment:
     def cautions(
         self, drawn: Drawn, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
     ) -> tuple[str, ...]:
-        """Say what is averaged, what lies outside of what was measured, and what moves nothing."""
+        """Warn about averaging, extrapolation and conditions without effect."""
         ranges, rates = forecast.ranges_of(self._document), forecast.rates_of(levels)
         members = drawn.members if isinstance(drawn, Averaged) else ()
         averaged = Caution("averaged", {"members": members, "by_command": False})
@@ -496,7 +496,7 @@ class ModelledExperiment:
         return model_document(self.assembly.model, self.study)
 
     def drawn(self, fit: Fit, effort: Effort, seed: int) -> Drawn:
-        """Return the draws from which a run folder predicts.
+        """Return the draws for predictions, as in a run folder.
 
         They are over all sets of causes that the verdict could not tell apart, if the model is
         that of a verdict; `effort` and `seed` are those of the calibration.
@@ -547,7 +547,7 @@ class ModelledExperiment:
 
 
 def _is_ours(cause: Cause) -> bool:
-    """Return whether a cause is of the catalogue, whatever the priors of its parameters."""
+    """Return whether a cause is from the catalogue, whatever its priors."""
     known = CATALOGUE.get(cause.name)
     return known is not None and replace(cause, parameters=known.parameters) == known
 
@@ -572,7 +572,7 @@ def _known_emulator(study: Study) -> Surrogate:
 
 
 def _residual(fit: Fit, seed: np.random.SeedSequence) -> Floats | None:
-    """Return readings of curvature less their posterior predictions [1/m]; None without any."""
+    """Return curvature residuals of the posterior prediction [1/m]; None without readings."""
     if fit.model.actuator is None:
         return None
     found = predict_readings(fit.model, fit.chain, np.random.default_rng(seed))
@@ -580,7 +580,7 @@ def _residual(fit: Fit, seed: np.random.SeedSequence) -> Floats | None:
 
 
 def _of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
-    """Return a judgement with the sizes that the final model's posterior gives to its causes.
+    """Return a judgement with the sizes of the causes from the final model's posterior.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A finished run becomes a model again that predicts, from its folder alone."""
+"""Rebuild a predictive model from the folder of a finished run."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -74,7 +74,7 @@ from bayesdeg.report.wording import SPACE, sentences
 Floats = NDArray[np.float64]
 Range = tuple[float, float]
 
-# beginnings of names of what can only be above 0
+# prefixes of the names of positive parameters
 _CONSTANTS = ("c1", "c2_ratio", "c3")
 _CONTROLS = tuple(f"{name}_{kind}_" for name in _CONSTANTS for kind in ("at", "control"))
 _ELONGATION = "elongation"
@@ -83,7 +83,7 @@ _POSITIVE = (PAPER_STIFFNESS, "volume_ratio", "c1_", "c3_", f"{_ELONGATION}_at_"
 
 @dataclass(frozen=True)
 class StoredRun:
-    """What a run folder holds of a calibrated model.
+    """A calibrated model from a run folder.
 
     Parameters
     ----------
@@ -122,12 +122,12 @@ class StoredRun:
 
     @property
     def each(self) -> tuple["StoredRun", ...]:
-        """The run by each set of causes over which it is averaged; none where there is one."""
+        """The run with each set of causes over which it is averaged; empty if there is one."""
         several = len(self.members) > 1
         return tuple(self._only([k]) for k in range(len(self.members)) if several)
 
     def with_cause(self, name: str) -> "StoredRun":
-        """Return the run by those sets of causes that have one.
+        """Return the run with the sets that contain a cause.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class StoredRun:
         return all(cause in m.causes for m in self.members)
 
     def _only(self, numbers: list[int]) -> "StoredRun":
-        """Return the run by some of the members, rising; causes that only others have are gone."""
+        """Return the run with some members, in order; causes of other members are removed."""
         members = tuple(self.members[k] for k in numbers)
         model, kept = _with_causes_of(self.model, members), np.isin(self.number, numbers)
         columns = [self.model.table.names.index(name) for name in model.table.names]
@@ -160,7 +160,7 @@ class StoredRun:
 
     @property
     def experience(self) -> Experience:
-        """How far actuators were tested, and where they burst."""
+        """Tested pressures of actuators, and ruptures."""
         return experience_of(self.run.model or ModelEntry())
 
 
@@ -170,7 +170,7 @@ def _with_causes_of(model: JointModel, members: Sequence[MemberEntry]) -> JointM
 
 
 def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
-    """Return what `read_stored` needs of a model beside its posterior: ``model`` of ``run.json``.
+    """Return ``model`` of ``run.json``, which `read_stored` needs besides the posterior.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
 
 
 def ranges_of(entry: ModelEntry) -> dict[str, Range]:
-    """Return the ranges of what was measured, by name; what is not known is left out."""
+    """Return the known measured ranges by name."""
     found = {name: [n for n in ends if n is not None] for name, ends in entry.measured.items()}
     return {name: (float(ends[0]), float(ends[-1])) for name, ends in found.items() if ends}
 
@@ -218,7 +218,7 @@ def ranges_of(entry: ModelEntry) -> dict[str, Range]:
 def read_stored(
     path: Path, *, base: bool = False, emulator: Path | None = None, cache: Path = CACHE
 ) -> StoredRun:
-    """Read a finished run's posterior, and rebuild the model that it is of.
+    """Read a finished run's posterior and rebuild its model.
 
     Parameters
     ----------
@@ -277,7 +277,7 @@ def read_stored(
 
 
 def bends_actuators(parameters: Iterable[str]) -> bool:
-    """Return whether a posterior of these parameters says how an actuator bends.
+    """Return whether a posterior with these parameters can predict actuators.
 
     Examples
     --------
@@ -288,7 +288,7 @@ def bends_actuators(parameters: Iterable[str]) -> bool:
 
 
 def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> None:
-    """Refuse sets of causes that are not those of the draws, or whose probabilities are none."""
+    """Refuse sets of causes that do not match the draws, or invalid probabilities."""
     sets = {frozenset(member.causes) for member in members}
     theirs = {name for one in sets for name in one}
     known = {cause.name for cause in model.causes}
@@ -304,7 +304,7 @@ def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> 
 def _numbers(
     tree: xr.DataTree, shape: tuple[int, ...], members: int, path: Path
 ) -> NDArray[np.int64]:
-    """Return of which set of causes each draw is, (n,), of draws of a shape (1, n)."""
+    """Return the set of causes of each draw, (n,), for draws of shape (1, n)."""
     stats = tree["sample_stats"].to_dataset() if "sample_stats" in tree.children else xr.Dataset()
     found = stats["member"].to_numpy() if "member" in stats else np.empty(0)
     if found.shape != shape or len(found) > 1 or {*found[0].tolist()} != {*range(members)}:
@@ -323,7 +323,7 @@ def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
 
 
 def refuse_impossible_draws(draws: Mapping[str, Floats], path: Path) -> None:
-    """Refuse draws that no calibration leaves: not finite, or not positive where it must be.
+    """Refuse impossible draws: not finite, or not positive where required.
 
     Raises
     ------
@@ -348,7 +348,7 @@ def _impossible(path: Path, problem: str) -> BayesdegError:
 
 
 def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -> JointModel:
-    """Rebuild a model from its record and the names of its draws."""
+    """Rebuild a model from its record and parameter names."""
     nodes = _known(entry.nodes_pct)
     neo_hookean = entry.material_law == "neo_hookean"
     constants = _CONSTANTS[:1] if neo_hookean else _CONSTANTS
@@ -404,7 +404,7 @@ def _refuse_missing(wanted: Iterable[str], draws: Mapping[str, Floats]) -> None:
 
 
 def as_recorded(entry: ModelEntry, mechanics: ForwardMap) -> ForwardMap:
-    """Return the map of the readings that a model is of.
+    """Return the map for the readings of a model.
 
     Raises
     ------
@@ -437,14 +437,14 @@ def _criterion(entry: ModelEntry) -> RuptureCriterion:
 
 
 def _flat(cause: Cause) -> Cause:
-    """Return a cause whose parameters are sampled as they are known."""
+    """Return a cause with its parameters sampled on their own scale."""
     return replace(cause, parameters=tuple(replace(p, law=Flat()) for p in cause.parameters))
 
 
 def emulator_of(
     folder: RunFolder, run: RunRecord, given: Path | None = None, cache: Path = CACHE
 ) -> Surrogate:
-    """Return the emulator that a run used, known by the record of its training.
+    """Return the emulator that a run used, identified by its training record.
 
     It is the one in the run folder, the package's, or one that was trained here.
 
@@ -475,7 +475,7 @@ def emulator_of(
     kept = _kept(training, cache)
     if kept is not None and kept.exists() and _same(found := read_trained(kept), training):
         return found
-    for path in sorted(cache.glob("*.npz")):  # those of one study have names of their own
+    for path in sorted(cache.glob("*.npz")):  # emulators of one study have different names
         if _is_of(path, training):
             return read_trained(path)
     raise BayesdegError(
@@ -490,12 +490,12 @@ def _same(surrogate: Surrogate, training: Mapping[str, object]) -> bool:
 
 
 def _is_record(record: str, training: Mapping[str, object]) -> bool:
-    # what is not finite is written as null
+    # non-finite values are written as null
     return bool(json.loads(record, parse_constant=lambda _: None) == training)
 
 
 def _is_of(path: Path, training: Mapping[str, object]) -> bool:
-    """Return whether a file holds the emulator of a training; a damaged one does not."""
+    """Return whether a file holds the emulator of a training record; False if damaged."""
     try:
         return _is_record(read_content(path, record_of), training)
     except BayesdegError:
@@ -503,7 +503,7 @@ def _is_of(path: Path, training: Mapping[str, object]) -> bool:
 
 
 def _kept(training: Mapping[str, object], cache: Path) -> Path | None:
-    """Return where an emulator of that geometry is kept."""
+    """Return the file of an emulator of that geometry."""
     trained = training.get("dimensions_mm")
     known = {field.name for field in fields(Dimensions)}
     if not isinstance(trained, dict) or set(trained) != known:
@@ -525,22 +525,22 @@ def _known(numbers: Sequence[float | None]) -> tuple[float, ...]:
 BAND_DRAWS, RUPTURE_DRAWS, ANSWER_DRAWS = 2000, 1000, 500
 TIME, RATE_COLUMNS = "time_h", ("degradation_q05", "degradation_q95")
 PRESSURES_AT_ONCE = 40  # bounds the memory
-LEAST_ANSWERED = 0.5  # of the specimens; below, a band says nothing
+LEAST_ANSWERED = 0.5  # share of the specimens below which there is no band
 NEARLY_ALL = 0.99
 BAND_COLUMNS = tuple(f"q{round(100 * q):02d}" for q in QUANTILES)
 PROBABILITY_COLUMNS = ("probability", "probability_q05", "probability_q95")
-ROUNDING = 1e-6  # of probabilities that add up to 1
-POINT = 1.0  # by which a degradation rate may lie outside of what was measured [%]
+ROUNDING = 1e-6  # tolerance of probabilities that sum to 1
+POINT = 1.0  # tolerance of degradation rates outside the measured range [%]
 
 
 def checks_of(stored: "Drawn", draws: int = DRAWS) -> int:
-    """Return N, one in which is the least probability of rupture that a run knows of."""
+    """Return N: the smallest rupture probability that a run can state is 1/N."""
     tested = stored.specimens if isinstance(stored, StoredRun) else specimens_tested(stored.model)
     return fewest_checks(tested, draws)
 
 
 class Drawn(Protocol):
-    """A model and draws of its posterior: of a calibration, or as a run folder holds them."""
+    """A model and its posterior draws, from a calibration or a run folder."""
 
     @property
     def model(self) -> JointModel:
@@ -558,7 +558,7 @@ AVERAGE = "average"
 
 
 def by_each(stored: StoredRun, predicted: Callable[[StoredRun], pd.DataFrame]) -> pd.DataFrame:
-    """Return what is predicted on average over causes that cannot be told apart, then by each.
+    """Return the averaged model over causes that cannot be told apart, then each single one.
 
     Parameters
     ----------
@@ -652,7 +652,7 @@ def _predicted(
     seed: np.random.SeedSequence,
 ) -> pd.DataFrame:
     conditions = specimens.conditions
-    # anew from the seed, so that every row is about the same draws
+    # from the seed again, so that every row uses the same draws
     model, chain, generator = stored.model, stored.chain, np.random.default_rng(seed)
     table = curvature_bands(
         *(model, chain, generator),
@@ -680,7 +680,7 @@ def _predicted(
 
 
 def _why(answered: float, *, rupture: bool) -> str:
-    """Say why a row is empty, or what it leaves out; empty if nothing."""
+    """Say why a row is empty or incomplete; empty if it is complete."""
     return _said(
         "unanswered",
         left=1.0 - answered,
@@ -731,7 +731,7 @@ def soil_of(path: Path) -> Soil:
 
 
 def known_soil_of(path: Path) -> Soil | None:
-    """Read the course of degradation as `soil_of` does; None where the run found none."""
+    """Read the course of degradation as `soil_of` does; None if the run has none."""
     draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
     if draws is None:
         return None
@@ -751,7 +751,7 @@ NO_COURSE = (
     "degradation rates; give the rate itself, or add moisture.csv with fresh films and films of at "
     "least one later time, and run the study again"
 )
-COURSE_STREAM = 3  # of the seed: draws of the course are independent of all others
+COURSE_STREAM = 3  # stream of the seed: draws of the course are independent of all others
 
 
 def settings(
@@ -813,12 +813,12 @@ def settings(
 
 
 def ceiling_of(experience: Experience, level: Level) -> float:
-    """Return what experience allows at all degradation rates that are likely [kPa]."""
+    """Return the pressure that tests allow at all likely degradation rates [kPa]."""
     return min(experience.ceiling(float(rate)) for rate in level.interval)
 
 
 def settings_table(found: list[Setting]) -> pd.DataFrame:
-    """Return settings as a table, one row each; what is not finite is empty."""
+    """Return settings as a table, one row each, with non-finite values empty."""
     rows = [
         ({} if s.hours is None else {TIME: s.hours})
         | {"degradation_pct": s.degradation}
@@ -847,7 +847,7 @@ def statement(setting: Setting) -> str:
 def basis(
     experience: Experience, allowed: Mapping[float, float], *, beyond: bool, strong: bool
 ) -> tuple[str, ...]:
-    """Say what bounds pressures besides the risk, or what those above it rest on.
+    """Say which tests limit pressures, or that higher ones rest on no test.
 
     Parameters
     ----------
@@ -875,7 +875,7 @@ def allowed_by_rate(found: Sequence[Setting]) -> dict[float, float]:
 
 @dataclass(frozen=True)
 class Caution:
-    """Something that a user of predictions should know.
+    """A warning about predictions.
 
     Parameters
     ----------
@@ -896,7 +896,7 @@ class Caution:
 def unanswered_conditions(
     stored: Drawn, degradation: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
-    """Say which conditions move nothing that is predicted; parameters of `predict`."""
+    """Warn about conditions without effect; parameters as in `predict`."""
     ends = np.unique(degradation[[0, -1]])
     names = moving_nothing(stored.model, stored.chain, ends, conditions)
     causes = [cause.name for cause in stored.model.causes]
@@ -908,16 +908,16 @@ def unanswered_conditions(
 
 
 def rates_of(levels: Sequence[Level]) -> Floats:
-    """Return the degradation rates that are asked, rising: those known, or the ends of others."""
+    """Return the requested degradation rates, sorted: known ones, or the ends of intervals."""
     ends = [level.interval[[0, -1]] for level in levels]
     rates = np.unique(np.concatenate([np.empty(0), *ends]))
-    # after a time in the soil a small rate is no percentage given as a fraction
+    # after a time in the soil a small rate is not a fraction given by mistake
     known = all(level.is_known for level in levels)
     return rates if known else np.unique(np.where(_is_small(rates), 0.0, rates))
 
 
 def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tuple[str, ...]:
-    """Say where times in the soil are longer than any film was in it.
+    """Warn about times in the soil longer than that of any film.
 
     Parameters
     ----------
@@ -935,7 +935,7 @@ def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tupl
 def said_of(
     stored: StoredRun, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
-    """Say what a user of predictions at these levels and pressures should know."""
+    """Return warnings for predictions at these levels and pressures."""
     rates = rates_of(levels)
     return (
         *warnings(stored, rates, pressure),
@@ -952,7 +952,7 @@ def said_of_settings(
     *,
     beyond: bool,
 ) -> tuple[str, ...]:
-    """Say what a user of settings should know."""
+    """Return warnings for settings."""
     set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
     strong = stored.model.has_elongation
     return (
@@ -963,7 +963,7 @@ def said_of_settings(
 
 
 def warnings(stored: StoredRun, degradation: Floats, pressure: Floats) -> tuple[str, ...]:
-    """Say what a user of predictions at these places should know.
+    """Return warnings for predictions at these places.
 
     Parameters
     ----------
@@ -980,7 +980,7 @@ def warnings(stored: StoredRun, degradation: Floats, pressure: Floats) -> tuple[
 def extrapolations(
     measured: Mapping[str, Range], degradation: Floats, pressure: Floats
 ) -> tuple[str, ...]:
-    """Say where predictions lie outside of what was measured.
+    """Warn about predictions outside the measurements.
 
     Parameters
     ----------
@@ -1003,7 +1003,7 @@ def extrapolations(
 
 
 def small_risk(stored: StoredRun, risk: float) -> tuple[str, ...]:
-    """Say so where a risk is smaller than any probability that the specimens can support."""
+    """Warn about a risk below any probability that the specimens can support."""
     checks = checks_of(stored)
     if not stored.model.has_elongation or risk * checks >= 1.0:
         return ()
@@ -1011,7 +1011,7 @@ def small_risk(stored: StoredRun, risk: float) -> tuple[str, ...]:
 
 
 def _is_small(degradation: Floats) -> NDArray[np.bool_]:
-    """Return which rates look like fractions in place of percent."""
+    """Return rates that look like fractions instead of percent."""
     return (degradation > 0.0) & (degradation < 1.0)
 
 
@@ -1033,7 +1033,7 @@ def _beyond_rates(measured: Mapping[str, Range], degradation: Floats) -> Iterato
 
 
 def _about_model(stored: StoredRun) -> Iterator[str]:
-    """Yield what the run itself says of the model that predicts."""
+    """Yield warnings of the run about the predictive model."""
     convergence = stored.run.convergence.get("final" if stored.model.causes else "base")
     if convergence is not None and not convergence.usable:
         yield convergence.sentence
@@ -1041,7 +1041,7 @@ def _about_model(stored: StoredRun) -> Iterator[str]:
 
 
 def doubts_of_run(stored: StoredRun) -> Iterator[Caution]:
-    """Yield what the verdict and the data of a run leave open."""
+    """Yield warnings from the verdict and the data of a run."""
     if stored.verdict.outcome == "unexplained":
         yield Caution("unexplained")
     if stored.members:

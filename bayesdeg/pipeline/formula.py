@@ -1,7 +1,7 @@
-"""Readings and a forward map of one's own become a model, as a study of actuators does.
+"""Models of readings and a user's forward map.
 
 Readings are y = f(θ, x) + s a + e: f the forward map, e ~ N(0, σ²) the reading error, and, where
-specimens differ, one deviation a ~ N(0, 1) of each specimen, which moves all of its readings by s.
+specimens differ, one deviation a ~ N(0, 1) per specimen, which shifts all its readings by s a.
 """
 
 import re
@@ -32,20 +32,22 @@ SHARE_OF_SPREAD = 0.5
 readings: 95 % of it is then below the error of a model that explains nothing."""
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 PREDICTIVE = 2000  # draws
-#: What Python and numpy say of a function for single numbers that is given arrays.
+#: Messages of Python and numpy for a scalar function called with arrays.
 _ON_ARRAYS = re.compile(
     "can be converted to Python scalars|cannot convert the series to|truth value of an? "
 )
 FOR_ARRAYS = "write it for arrays: np.exp for math.exp, np.where for if"
-PROBED = 3  # vectors with which a forward map is tried
-PRIOR_DRAWS = 400  # at which answers are counted: a share of 5 % has a standard error of 1 %
+PROBED = 3  # parameter vectors for trying a forward map
+PRIOR_DRAWS = 400  # prior draws for counting answers: a share of 5 % has a standard error of 1 %
 CALLED_TWICE = 32  # of these
-SAME_ANSWER = 1e-9  # of the largest prediction; parallel sums differ by less, and are no noise
+SAME_ANSWER = (
+    1e-9  # relative to the largest prediction; parallel sums differ by less and are not noise
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Readings of one kind: what was set, and what was read.
+    """Readings of one kind, with their inputs.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ class Readings:
     level_unit: str = ""
 
     def __post_init__(self) -> None:
-        """Bring readings to arrays, and refuse what does not go together."""
+        """Convert readings to arrays, and refuse inconsistent shapes."""
         y = np.asarray(self.y, dtype=np.float64)
         x = _inputs(self.x)
         if y.ndim != 1 or not len(y) or not np.all(np.isfinite(y)):
@@ -121,7 +123,7 @@ class Readings:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters that the readings add: of error and scatter, where they are not known."""
+        """The parameters of unknown error and scatter."""
         found = []
         if isinstance(self.error, Parameter):
             found.append(self.error)
@@ -154,7 +156,7 @@ class Readings:
 
     @property
     def places(self) -> Places:
-        """Where the readings stand."""
+        """Return the places of the readings."""
         column = next(column for _, column in _columns(self.x))
         along = np.asarray(column, dtype=np.float64).reshape(len(self.y), -1)[:, 0]
         own = [f"{self.name} {number}" for number in range(1, len(self.y) + 1)]
@@ -175,14 +177,14 @@ class Readings:
 
 
 def _inputs(x: Any) -> Any:
-    """Return inputs as arrays of numbers, in the form in which they were given."""
+    """Return inputs as arrays of numbers, in their given form."""
     if isinstance(x, Mapping):
         return {str(name): np.asarray(column, dtype=np.float64) for name, column in x.items()}
     return x if isinstance(x, pd.DataFrame) else np.asarray(x, dtype=np.float64)
 
 
 def _columns(x: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the inputs by their names; one without a name is x."""
+    """Yield the inputs by name; an unnamed one is x."""
     if isinstance(x, (Mapping, pd.DataFrame)):
         yield from ((str(name), x[name]) for name in x)
     else:
@@ -191,7 +193,7 @@ def _columns(x: Any) -> Iterator[tuple[str, Any]]:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What the forward map is asked: values by name (k,), and what each kind of readings was at."""
+    """Inputs of the forward map: values by name (k,), and the inputs of each kind of readings."""
 
     values: dict[str, Floats]
     x: tuple[Any, ...]
@@ -226,7 +228,7 @@ class OwnMap:
         readings: Readings | Iterable[Readings],
         forward: Forward | Mapping[str, Forward] | None,
     ) -> "OwnMap":
-        """Check that readings and forward map go together.
+        """Check that readings and forward map match.
 
         Raises
         ------
@@ -244,11 +246,11 @@ class OwnMap:
 
     @property
     def title(self) -> str:
-        """What it is of, in words."""
+        """Name of the readings in words."""
         return ", ".join(block.name for block in self.readings)
 
     def model(self, parameters: Iterable[Parameter]) -> JointModel:
-        """Return what is sampled and judged.
+        """Return the density that is sampled and judged.
 
         Raises
         ------
@@ -309,7 +311,7 @@ def _count(x: Any) -> int:
 
 
 def probe(model: JointModel) -> None:
-    """Ask a forward map once, so that a wrong shape is told before anything is computed.
+    """Evaluate a forward map once, to report a wrong shape before anything is computed.
 
     Raises
     ------
@@ -330,7 +332,7 @@ def probe(model: JointModel) -> None:
 
 
 def is_for_numbers(fault: BaseException) -> bool:
-    """Return whether a function fails since it is written for single numbers.
+    """Return whether a function fails because it is written for single numbers.
 
     Examples
     --------
@@ -367,7 +369,7 @@ def answers_of(model: JointModel) -> ForwardMapEntry:
 
 
 def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
-    """Return a cause of one's own, by itself or by its name.
+    """Return a user's cause, given itself or its name.
 
     Raises
     ------
@@ -399,7 +401,7 @@ class DrawnFormula:
 def new_specimens(
     own: OwnMap, fit: DrawnFormula, block: Readings, x: Any, generator: np.random.Generator
 ) -> Floats:
-    """Draw what new specimens would show at x, without reading error, (k, n)."""
+    """Draw predictions for new specimens at x, without reading error, (k, n)."""
     vectors = fit.vectors(generator)
     mean = own.at(fit, block, x)[1].expected(vectors)
     scatter = fit.model.table.named(vectors).get(f"{block.name}_scatter")
@@ -410,7 +412,7 @@ def new_specimens(
 
 
 def predict(own: OwnMap, fit: DrawnFormula, x: Any, seed: np.random.SeedSequence) -> pd.DataFrame:
-    """Return quantiles of what a new specimen would show at x, without reading error.
+    """Return quantiles of predictions for a new specimen at x, without reading error.
 
     Parameters
     ----------
@@ -435,8 +437,8 @@ def control(
 ) -> pd.DataFrame:
     """Return the input at which readings reach wanted values.
 
-    Each draw of a new specimen is followed along the inputs in their order until it first passes
-    the value; between two of them it is taken as linear.
+    Each draw of a new specimen is followed along the inputs in order until it first passes the
+    value, with linear interpolation.
 
     Parameters
     ----------
@@ -484,7 +486,7 @@ def control(
 
 
 def _first_passage(along: Floats, draws: Floats, wanted: float) -> Floats:
-    """Return where each draw (k, n) first passes a value; infinite where it does not."""
+    """Return where each draw (k, n) first passes a value; infinite if it does not."""
     gap = draws - wanted
     with np.errstate(invalid="ignore"):
         crossed = (gap[:, :-1] * gap[:, 1:] <= 0.0) & np.isfinite(gap[:, :-1] + gap[:, 1:])
@@ -528,9 +530,9 @@ def _side_by_side(readings: tuple[Floats, ...]) -> Floats:
 
 
 def _of_blocks(cause: Cause) -> Cause:
-    """Return a cause whose hooks act on every kind of readings in turn.
+    """Return a cause whose hooks act on every kind of readings.
 
-    One without hooks acts through its parameters, which the forward map is given by name.
+    A cause without hooks acts through its parameters, which the forward map gets by name.
     """
     hooks: dict[str, Any] = {"on_inputs": partial(_on_inputs, cause.on_inputs)}
     if cause.on_reading is not None:
@@ -558,7 +560,7 @@ def _on_readings(
 
 
 def _bands(block: Readings, x: Any, draws: Floats) -> pd.DataFrame:
-    """Return quantiles of predictions (k, n), a row for each x."""
+    """Return quantiles of predictions (k, n), one row per x."""
     columns = {name: np.asarray(column) for name, column in _columns(x) if np.ndim(column) == 1}
     low = {f"q{round(100 * q):02d}": np.nanquantile(draws, q, axis=0) for q in QUANTILES}
     numbers = {"mean": np.nanmean(draws, axis=0), "sd": np.nanstd(draws, axis=0)}

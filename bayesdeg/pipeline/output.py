@@ -1,4 +1,4 @@
-"""Where a command writes: refused where it would destroy something, tried and locked beforehand."""
+"""Output folders of commands: checked, refused if something would be destroyed, and locked."""
 
 import os
 import sys
@@ -75,7 +75,7 @@ def run_folder(path: Path, study: Study) -> Iterator[RunFolder]:
 
 @contextmanager
 def update_folder(path: Path, report: Path, study: Study) -> Iterator[RunFolder]:
-    """Claim a folder for a run that further readings enter, before anything is computed.
+    """Claim a folder for an updated run, before anything is computed.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def virtual_study(path: Path, files: Iterable[str]) -> Iterator[Path]:
 
 
 def is_virtual(path: Path) -> bool:
-    """Return whether a file that is there says that a virtual experiment made it."""
+    """Return whether an existing file says that it is from a virtual experiment."""
     try:
         content = read_bytes(path, most_mb=STUDY_MB)
         if path.name == TRUTH_FILE:
@@ -146,7 +146,7 @@ def is_virtual(path: Path) -> bool:
 
 
 def output_file(path: Path) -> Path:
-    """Return where one file goes, after it was refused or found to be possible.
+    """Return the path of an output file after checking it.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def output_file(path: Path) -> Path:
 
 
 def refuse_study(path: Path, *, itself: bool = True) -> None:
-    """Refuse a folder that is a study's, or lies in one: names of results are names of data too.
+    """Refuse a folder that is a study or lies in one: results and data share file names.
 
     Parameters
     ----------
@@ -207,10 +207,10 @@ def refuse_study(path: Path, *, itself: bool = True) -> None:
 
 @contextmanager
 def claimed(path: Path) -> Iterator[None]:
-    """Make a folder, see that it can be written to, and lock it until the command ends.
+    """Create a folder, check that it is writable, and lock it until the command ends.
 
-    The lock is the operating system's: it ends with the process, however that ends. A folder that
-    stays empty is removed again.
+    The lock belongs to the operating system and ends with the process. A folder that stays empty is
+    removed again.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def _locked(path: Path) -> IO[bytes]:
 
 
 def _lock(file: IO[bytes]) -> None:
-    """Lock a file for this process; where the file system has no locks, go without.
+    """Lock a file for this process, if the file system supports locks.
 
     Record locks are not inherited by worker processes, which may outlive a killed command.
     """
@@ -276,7 +276,7 @@ def _lock(file: IO[bytes]) -> None:
 
 
 def _refuse_other_run(path: Path, study: Study) -> None:
-    """Refuse a folder that is in use for anything but earlier runs of the same study."""
+    """Refuse a folder that holds anything but earlier runs of the same study."""
     owner = owner_of(path)
     if owner is None:
         taken = sorted(name for name in RUN_FILES if _is_there(path / name))
@@ -295,7 +295,7 @@ def _refuse_other_run(path: Path, study: Study) -> None:
 
 
 def owner_of(path: Path) -> Owner | None:
-    """Return what a run folder says of its study; None if it holds no run."""
+    """Return the owner recorded in a run folder; None if it holds no run."""
     for name in (OWNER, f"{RUN}.json"):
         with suppress(OSError, ValueError):
             return Owner.read(parse_json(read_bytes(path / name, most_mb=RUN_MB)))
@@ -303,15 +303,15 @@ def owner_of(path: Path) -> Owner | None:
 
 
 def _is_same(path: Path, owner: Owner, study: Study) -> bool:
-    """Return whether a run is of a study: from the same place, or of the same files."""
-    if not owner.folder:  # of a version that did not record it
+    """Return whether a run is of a study: same place or same files."""
+    if not owner.folder:  # from a version that did not record it
         return owner.study in ("", study.name)
     folder = (path / owner.folder).resolve()
     return folder == study.folder.resolve() or dict(owner.hashes) == dict(study.hashes)
 
 
 def _from(path: Path, folder: Path) -> str:
-    """Return the way from a run folder to its study, which stays right if both are moved."""
+    """Return the relative path from a run folder to its study, valid if both are moved."""
     try:
         return os.path.relpath(folder.resolve(), path.resolve())
     except ValueError:  # on another drive

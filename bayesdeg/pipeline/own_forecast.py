@@ -1,4 +1,4 @@
-"""A finished run of a forward map of one's own predicts again, from its folder and its study."""
+"""Predictions of a finished run with a user's forward map, from its folder and its study."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from bayesdeg.report.record import RunRecord, VerdictRecord
 
 @dataclass(frozen=True)
 class OwnStored:
-    """What a run folder and its study hold of a calibrated forward map of one's own.
+    """A user's calibrated forward map, from a run folder and its study.
 
     Parameters
     ----------
@@ -36,17 +36,17 @@ class OwnStored:
 
     @property
     def name(self) -> str:
-        """The model by its causes."""
+        """The model, named by its causes."""
         return "+".join(["base", *(cause.name for cause in self.fit.model.causes)])
 
 
 def is_own(path: Path) -> bool:
-    """Return whether a folder is of a run with a forward map of one's own."""
+    """Return whether a folder is of a run with a user's forward map."""
     return bool(RunFolder(path).read_run().forward) if path.is_dir() else False
 
 
 def read_own(path: Path, *, base: bool = False) -> OwnStored:
-    """Read a finished run's posterior, and the function that it is of.
+    """Read a finished run's posterior and its function.
 
     Parameters
     ----------

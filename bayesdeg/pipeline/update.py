@@ -1,4 +1,4 @@
-"""Further readings of actuators enter a finished run: its posterior, its bands, its ruptures."""
+"""Adding further actuator readings to a finished run."""
 
 import hashlib
 import re
@@ -93,17 +93,17 @@ STAGES_ANEW = (
 )
 """Further files that an update writes again."""
 
-VOLUME = "cavity_volume_ml"  # needs the curvatures of the same specimens anew
-COUNTS_STREAM = 3  # of the seed: simulated counts of ruptures
-DRAWS = 12000  # of equal weight, of which tables are made: three for each effective one
-ENSEMBLES = 4  # among which they are divided, in the form of chains
-CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and by how much [nats]
+VOLUME = "cavity_volume_ml"  # needs the curvatures of the same specimens again
+COUNTS_STREAM = 3  # stream of the seed for simulated rupture counts
+DRAWS = 12000  # draws of equal weight for tables: three for each effective one
+ENSEMBLES = 4  # number of chains into which they are divided
+CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and the tolerance [nats]
 _NUMBERED = re.compile(r"_updated(_\d+)?$")
 
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A finished run, with the study that it was made of.
+    """A finished run and its study.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class TakenIn:
 
 @dataclass(frozen=True)
 class StoredPosterior:
-    """One stored posterior of the run, and the model that it is of.
+    """One stored posterior of the run and its model.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class StoredPosterior:
 
 
 def finished(report: Path) -> FinishedRun:
-    """Read a finished run and the study that it was made of.
+    """Read a finished run and its study.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
 
 
 def _earlier(folder: RunFolder, run: RunRecord) -> bytes | None:
-    """Return the rows that were added to a run before."""
+    """Return the rows added to a run earlier."""
     if run.update is None:
         return None
     path = folder.path / ADDED
@@ -255,7 +255,7 @@ def read_new(path: Path) -> bytes:
 
 
 def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Study, Study]:
-    """Return the added rows, the study before and after; refuse what is impossible.
+    """Return the added rows and the study before and after; refuse impossible data.
 
     Raises
     ------
@@ -293,7 +293,7 @@ def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Stu
 
 
 def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, ...]:
-    """Say what is unlikely of new rows, and refuse what is impossible.
+    """Return doubts about new rows, and refuse impossible ones.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, .
 
 
 def refuse_beyond(studies: tuple[Study, Study], model: JointModel, name: str) -> None:
-    """Refuse new readings that no curve of their material reaches.
+    """Refuse new readings that no curve of the material reaches.
 
     Parameters
     ----------
@@ -370,7 +370,7 @@ def _out_of_reach(name: str, specimen: str, pressures: Sequence[str]) -> Fault:
 
 
 def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
-    """Return a model of the run by the names of its parameters."""
+    """Return the model of the run with these parameter names."""
     of_causes = (name for name in names if "." in name and not is_dimension(name))
     wanted = dict.fromkeys(name.split(".")[0] for name in of_causes)
     known = {cause.name: cause for cause in assembly.causes}
@@ -385,7 +385,7 @@ def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
 
 
 def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, StoredPosterior]:
-    """Return the posteriors of a run by name: where no cause was found both are one.
+    """Return the posteriors of a run by name; without a cause both are the same.
 
     Raises
     ------
@@ -453,7 +453,7 @@ def _taken_in(
 def _refuse_other_density(
     model: JointModel, vectors: Floats, known: Floats, of: FinishedRun
 ) -> None:
-    """Refuse a run of which this version computes another density."""
+    """Refuse a run whose density this version computes differently."""
     some = np.unique(np.linspace(0, len(vectors) - 1, CHECKED).astype(np.intp))
     if not np.all(np.abs(model.log_prob(vectors[some]) - known[some]) <= SAME):
         raise BayesdegError(
@@ -464,14 +464,14 @@ def _refuse_other_density(
 
 
 def _independent(run: RunRecord, posterior: str, count: int) -> float:
-    """Return the share of stored draws that are worth an independent one each."""
+    """Return the effective share of stored draws."""
     entry = run.convergence.get("base" if posterior == POSTERIOR_BASE else "final")
     fewest = None if entry is None else entry.ess_min
     return 1.0 if fewest is None else min(1.0, fewest / count)
 
 
 def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) -> Fit:
-    """Return an updated posterior as tables are made of it: draws of equal weight."""
+    """Return draws of equal weight from an updated posterior, for tables."""
     sample = updated.posterior
     places = drawn_evenly(sample, generator, DRAWS)
     vectors = sample.draws[places]
@@ -485,9 +485,9 @@ def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) ->
 
 
 def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence:
-    """Return diagnostics of draws that are independent but for those that stand several times.
+    """Return diagnostics of draws that are independent except for duplicates.
 
-    They come from no chains, so there is no R̂.
+    They do not come from chains, so there is no R̂.
     """
     size = len(model.table)
     return Convergence(
@@ -509,7 +509,7 @@ def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence
 
 
 def default_target(report: Path) -> Path:
-    """Return where an update goes if nothing else is said.
+    """Return the default folder of an update.
 
     Examples
     --------
@@ -559,7 +559,7 @@ def update(
     emulator: Path | None,
     progress: Progress,
 ) -> UpdatedRun:
-    """Let further readings of actuators enter a finished run, and write a new run folder.
+    """Add further actuator readings to a finished run, and write a new run folder.
 
     Parameters
     ----------
@@ -635,7 +635,7 @@ def _results(
     seed: int | None,
     progress: Progress,
 ) -> tuple[Results, dict[str, TakenIn]]:
-    """Return the updated calibrations: of the final model, and of the base model beside it."""
+    """Return the updated calibrations of the final and the base model."""
     taken: dict[str, TakenIn] = {}
     before, after = map(actuator_curves, studies)
     assert before is not None
@@ -646,7 +646,7 @@ def _results(
             continue
         progress.stage(f"adding the readings: {posterior}")
         generator = np.random.default_rng(_seed(of, seed, 1 + number))
-        # predictions are the final model's; the base model is only taken along
+        # the final model predicts; the base model is only kept up to date
         enough = ENOUGH if posterior == POSTERIOR else FEWEST
         taken[posterior] = _taken_in(
             of, posterior, drawn[posterior], (before, after), found.specimens, generator, enough
@@ -656,7 +656,7 @@ def _results(
 
 
 def _seed(of: FinishedRun, given: int | None, stream: int) -> np.random.SeedSequence:
-    """Return a stream of random numbers that no other update and no other work of the run has."""
+    """Return a random stream used by no other update and no other part of the run."""
     number = given if given is not None else (of.run.seed or 0)
     times = 0 if of.run.update is None else int(of.run.update.times or 0)
     return np.random.SeedSequence([number, 2, times, stream])
@@ -670,14 +670,14 @@ def _write(
     guard: Guard,
     generator: np.random.Generator,
 ) -> None:
-    """Write posteriors and tables that follow from them, and copy those that do not."""
-    folder.remove(f"{RUN}.json")  # until all else is there, it is no run
+    """Write posteriors and tables that follow from them, and copy the others."""
+    folder.remove(f"{RUN}.json")  # it becomes a run only when all else is written
     folder.remove(INDEX)
     files = Files(folder, guard)
     kept = EFFORTS[of.run.effort if of.run.effort in EFFORTS else "standard"].kept
     strict = Files(folder, Guard(strict=True), files.written)
     for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
-        # of a base model that is only taken along, half as many
+        # half as many for the base model
         some = kept if fit is results.final else kept // 2
         strict.posterior(name, fit, generator, kept=some)
     soil = known_soil_of(of.folder.path)
@@ -691,7 +691,7 @@ def _write(
 
 
 def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
-    """Add what the run found of the course of degradation to the parameters: it is as before."""
+    """Add the unchanged parameters of the course of degradation."""
     old, new = (one.read_table(columns.PARAMETERS) for one in (of.folder, folder))
     if old is not None and new is not None and (old["model"] == "course").any():
         course = old[old["model"] == "course"]
@@ -699,7 +699,7 @@ def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
 
 
 def _as_before(path: Path) -> list[Path]:
-    """Return files of a run that an update does not touch."""
+    """Return the files of a run that an update does not change."""
     tables = [t.file for name, t in columns.TABLES.items() if name not in ANEW]
     names = (*tables, f"{POSTERIOR_COURSE}.nc", "deformed.npz", EMULATOR)
     pictures = sorted(path.glob("actuator_*pct.vtu"))
@@ -707,7 +707,7 @@ def _as_before(path: Path) -> list[Path]:
 
 
 def _entry(of: FinishedRun, found: Enlarged, taken: Mapping[str, TakenIn]) -> UpdateEntry:
-    """Return what is recorded of an update."""
+    """Return the record of an update."""
     names = {"final": POSTERIOR, "base": POSTERIOR_BASE}
     before = of.run.update
     return UpdateEntry(
@@ -733,7 +733,7 @@ def _entry(of: FinishedRun, found: Enlarged, taken: Mapping[str, TakenIn]) -> Up
 
 
 def _not_averaged(run: RunRecord) -> tuple[MemberEntry, ...]:
-    """Return the sets of causes that could not be told apart before, by this update or another."""
+    """Return the sets of causes that were averaged before this or an earlier update."""
     averaged = () if run.model is None else run.model.averaged
     return averaged or (() if run.update is None else run.update.not_averaged)
 
@@ -751,7 +751,7 @@ def _finish(
     guard: Guard,
     begun: float,
 ) -> None:
-    """Write the rows, the verdict as it was, and last what is recorded of the run."""
+    """Write the rows, the unchanged verdict and, last, the run record."""
     found, entry, unlikely = what
     write_bytes(folder.path / ADDED, found.added)
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, after, results, unlikely) or InDoubt()
@@ -782,7 +782,7 @@ def _finish(
 
 
 def _still_left_out(of: FinishedRun) -> tuple[LeftOutEntry, ...]:
-    """Return what the run left out and an update does not make anew."""
+    """Return the failed stages of the run that an update does not repeat."""
     anew = {*(table_stage(name) for name in ANEW), *STAGES_ANEW}
     return tuple(one for one in of.verdict.left_out if one.stage not in anew)
 
@@ -800,7 +800,7 @@ def _convergence(entry: UpdateEntry) -> dict[str, ConvergenceEntry]:
 
 
 def _moved(taken: TakenIn) -> pd.DataFrame:
-    """Return how far each parameter moved."""
+    """Return the shift of each parameter."""
     table = taken.fit.model.table
     new = taken.fit.chain.vectors.reshape(-1, len(table))
     before, after = (table.named(vectors) for vectors in (taken.before, new))
