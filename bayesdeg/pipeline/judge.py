@@ -889,7 +889,7 @@ def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[
 def _beside_the_law(
     base: Trial, catalogue: Catalogue | Assembly, generator: np.random.Generator
 ) -> list[dict[str, object]]:
-    """Rank experiments for causes that look like a different form of the law in the tests so far."""
+    """Rank experiments for causes that look like a different form of the law in earlier tests."""
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
     return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))

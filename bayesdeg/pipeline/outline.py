@@ -311,7 +311,7 @@ def _of_own_material(
 def _followed(
     usual: Iterable[Parameter], study: Study, gelatin: Expected
 ) -> tuple[tuple[str, str], ...]:
-    """Say that priors follow the films, if these are of a different material without stated priors."""
+    """Say that priors follow the films, if these are of a material without stated priors."""
     first = min(gelatin.c1)
     name = node_name("c1", first)
     now = {p.name: p.law for p in usual}[name]
@@ -349,7 +349,7 @@ def vendor_prior(study: Study) -> dict[str, Law]:
 def _candidates(
     study: Study, found: tuple[Observations, ...], *, limited: bool
 ) -> tuple[tuple[Cause, ...], dict[str, str], tuple[Cause, ...]]:
-    """Return the causes that can be judged, those that cannot, and those that films cannot separate.
+    """Return causes that can be judged, those that cannot, and those that films cannot separate.
 
     Causes are judged on ruptures if the model has an elongation limit, from whatever data.
     """

@@ -1,23 +1,23 @@
-r"""Where the misfit sits: residuals, R² as the paper gives it, one sentence.
+r"""Where the misfit lies: residuals, R² as in the paper, and its description.
 
 With e the errors and scatter left after the parameters are fitted again
 (`criticism.fit.linear.Linear.unexplained`), every statistic is a projection of e, scaled so
-that the effect it is named after has the size it states. Since e = V C⁻¹ (y − mean) is linear in
+that its value is the size of the effect it is named after. Since e = V C⁻¹ (y − mean) is linear in
 the whitened data z, so is the projection:
 
 .. math:: T = \omega^T z .
 
-Two ways lead to ω: generalised least squares with further directions fitted beside, which has the
-smallest variance, and a plain functional of e such as an area.
+ω comes either from generalised least squares with further directions fitted jointly, which has the
+smallest variance, or from a plain functional of e such as an area.
 
-Each group of readings is given a scale and a trend along the path of its own, directions W on the
-whitened scale. What it gains in log-likelihood at the best sizes,
+Each group of readings gets its own scale and trend along the path, directions W on the whitened
+scale. Its gain in log-likelihood at the best sizes,
 
 .. math:: g = \tfrac12 |Q^T z|^2, \qquad Q \text{ orthonormal, of the span of } W,
 
-is set against the misfit statistic, which is a log-likelihood ratio too, and against what the best
-of all groups gains in data simulated from the model. Degradation rates, mounts, modes of tension
-and all readings together compete: where one of these is better, no group is told of.
+is compared with the misfit statistic, which is also a log-likelihood ratio, and with the gain of
+the best of all groups in data simulated from the model. Degradation rates, mounts, modes of
+tension and all readings together compete: if one of these is better, no group is reported.
 """
 
 from collections.abc import Callable, Iterator
@@ -61,7 +61,7 @@ class CurvatureFit:
 def predict_readings(
     model: JointModel, chain: Chain, generator: np.random.Generator, *, draws: int = 400
 ) -> CurvatureFit:
-    """Return posterior predictions at the conditions of the data; nan where no draw has any."""
+    """Return posterior predictions at the conditions of the data; nan if no draw has any."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[generator.integers(len(flat), size=draws)])
     mean = _known(model.curvature(values).curvature, partial(np.nanmean, axis=0))
@@ -77,7 +77,7 @@ def _known(drawn: Floats, summary: Callable[[Floats], ArrayLike]) -> Floats:
 
 
 def r_squared(measured: Floats, predicted: Floats) -> float:
-    """Return R² = 1 − SSE/SST on pooled points; nan where all measured are the same.
+    """Return R² = 1 − SSE/SST on pooled points; nan if all measured values are equal.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def r_squared(measured: Floats, predicted: Floats) -> float:
 def level_table(
     model: JointModel, fit: CurvatureFit, published: dict[float, float]
 ) -> pd.DataFrame:
-    """Return R² and RMS of the residuals per level and over all, beside published R².
+    """Return R² and rms residual per level and over all, with published R².
 
     Columns: ``degradation_pct``, ``n``, ``r_squared``, ``rms_per_m``, ``published_r_squared``.
     """
@@ -127,7 +127,7 @@ def _level_row(
 
 @dataclass(frozen=True)
 class CurvatureDeparture:
-    """Where measured curvature is furthest off: the third of the pressures with the largest mean.
+    """Where measured curvature departs most: the third of the pressures with the largest mean.
 
     Parameters
     ----------
