@@ -7,9 +7,9 @@ from scipy.stats import binom
 Floats = NDArray[np.float64]
 
 DOUBT = 1e-3
-"""Probability of so few or so many exceedances if the p-value equals the level, below which its side
-is clear: one in a thousand verdicts of studies with a p-value exactly at the level would depend on
-the seed, and hardly any other."""
+"""Probability of so few or so many exceedances, if the p-value equals the level, below which its
+side is clear: one in a thousand verdicts of studies with a p-value exactly at the level would
+depend on the seed, and hardly any other."""
 
 
 def chance_of(statistic: Floats | float, null: Floats, *, fewest: int = 0) -> Floats:

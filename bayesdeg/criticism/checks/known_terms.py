@@ -49,8 +49,8 @@ Flags = NDArray[np.bool_]
 Labels = NDArray[np.str_]
 
 LEAST_LEFT = 0.1
-"""Least share of a term's square that parameters cannot absorb: below it, a change of the parameters
-within their priors reproduces nine tenths of the term."""
+"""Least share of a term's square that parameters cannot absorb: below it, a change of the
+parameters within their priors reproduces nine tenths of the term."""
 ALIKE = 1.0 - 1e-6
 """Cosine above which two terms are equivalent; the simpler is kept."""
 PARTS = (0.25, 0.5, 0.75)

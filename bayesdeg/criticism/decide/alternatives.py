@@ -20,8 +20,8 @@ from bayesdeg.criticism.decide.support import INSEPARABLE, Support
 from bayesdeg.criticism.fit.search import Names, Search, SetScale
 
 TOLERANCE = 1.0
-"""Allowed excess of a combination's deficit over the sum of its replacements' [nats]: errors of three
-evidences by importance sampling, each up to some 0.3, and negligible odds."""
+"""Allowed excess of a combination's deficit over the sum of its replacements' [nats]: errors of
+three evidences by importance sampling, each up to some 0.3, and negligible odds."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ TWINS_APART = (
 MODERATE = 2.0 * INSEPARABLE  # evidence up to which an implausible size is not accepted
 UNSURE = 3.0  # standard errors of a difference of evidences within which Monte Carlo error decides
 CLOSE_CALL = 2.0
-"""Distance of a held-out gain from its threshold within which Monte Carlo error may decide [nats]: in
-one study the gain varied by 2.0 between three seeds."""
+"""Distance of a held-out gain from its threshold within which Monte Carlo error may decide [nats]:
+in one study the gain varied by 2.0 between three seeds."""
 
 
 @dataclass(frozen=True)

@@ -126,9 +126,9 @@ Names = frozenset[str]
 FALSE_NAME_RATE = 0.05
 LEAST_FACTOR = float(np.log(20.0))
 NEXT_TO = 1.0
-"""Distance of a gain from the threshold within which Monte Carlo error may decide [nats]: for one cause
-it was 2.65 and 2.97 with two seeds, from evidences each 0.1 to 0.5 too low with stated errors of
-0.04 to 0.1; 16,000 draws gave 2.8 to 3.0."""
+"""Distance of a gain from the threshold within which Monte Carlo error may decide [nats]: for one
+cause it was 2.65 and 2.97 with two seeds, from evidences each 0.1 to 0.5 too low with stated
+errors of 0.04 to 0.1; 16,000 draws gave 2.8 to 3.0."""
 MARGIN = 2.0  # by how much screening may underestimate a cause that a full fit would name
 MOST_CAUSES = 3
 ROUNDS = 3  # rounds of exchanging and growing; each begins with a better set, so few are needed
@@ -433,11 +433,12 @@ def run_search(search: Search) -> Names:
 
 
 def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
-    """Return what could stand in the place of one cause of a set, with log Bayes factors.
+    """Return replacements of one cause of a set, with log Bayes factors.
 
-    What screening puts near the best, as far as the effort goes; beyond it, what the catalogue says
-    is like the cause; what is fitted already; and what no reading tells from such a one within odds
-    of 20. The factors are those of the whole set against the base model.
+    These are the causes that screening puts near the best, up to the limit of the effort; beyond
+    it, look-alikes from the catalogue; causes already fitted; and those that no reading tells from
+    one of these within odds of 20. The factors are those of the whole set relative to the base
+    model.
     """
     rest = chosen - {cause}
     _ensure(search, rest)
@@ -455,15 +456,15 @@ def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
 
 
 def _factors_of(search: Search, rest: Names, added: list[str]) -> dict[str, float]:
-    """Return log Bayes factors of a set with each of several causes added, by what is added."""
+    """Return log Bayes factors of a set with each of several causes added, by cause."""
     sets = search.fit(rest, added)
     return dict(zip(added, (search.factor(names) for names in sets), strict=True))
 
 
 def _look_alikes(step: Step, cause: Cause) -> list[str]:
-    """Return what the catalogue says is like a cause, where screening does not put it far behind.
+    """Return look-alikes from the catalogue that screening does not put far behind.
 
-    Of its twins, which no reading tells from it, screening has nothing to say.
+    Screening cannot judge twins, which no reading distinguishes.
     """
     least = -np.inf
     close = {*near(step.screened, least), *near(step.unbent, least), *cause.twins}
@@ -472,7 +473,7 @@ def _look_alikes(step: Step, cause: Cause) -> list[str]:
 
 
 def _added(search: Search, names: Names) -> Names:
-    """Add causes one after another as long as the best passes the threshold."""
+    """Add causes one after another while the best passes the threshold."""
     while len(names) < MOST_CAUSES:
         sets = search.fit_leaders(names)
         if not sets:
@@ -485,9 +486,9 @@ def _added(search: Search, names: Names) -> Names:
 
 
 def _elsewhere(search: Search, chosen: Names) -> Names:
-    """Return the best of a set and of those in reach that no single addition or exchange leads to.
+    """Return the best of a set and of close sets not reached by one addition or exchange.
 
-    A set of as many causes need only be better; a larger one must gain what naming takes.
+    A set of the same size need only be better; a larger one must gain enough for naming.
     """
     reached = in_reach(search, chosen)
     search.fit_sets({one.names: one.sizes for one in reached})
@@ -500,11 +501,11 @@ def _elsewhere(search: Search, chosen: Names) -> Names:
 
 
 def _passes_at_once(search: Search, names: Names, larger: Names) -> bool:
-    """Return whether a larger set, which need not hold the smaller one, gains what naming takes.
+    """Return whether a larger set, not necessarily a superset, gains enough for naming.
 
-    Beside a cause that was named, each further one has to gain as much as one alone has to. Where
-    nothing was named, chance has all pairs to choose from. They are held against what chance leaves
-    of its 5 % to single causes, so that both together keep it.
+    Given a named cause, each further one must gain as much as a single cause must. If nothing was
+    named, chance can choose among all pairs. They are tested at what single causes leave of the 5
+    %, so that both together keep it.
     """
     if names != search.base.names:
         if not search.passes(names, larger):
@@ -550,7 +551,7 @@ def beside_the_rate(singles: Floats, pairs: Floats, threshold: float) -> float:
 
 
 def _exchanged(search: Search, chosen: Names) -> Names:
-    """Put a rival in the place of a cause as long as that makes a better set."""
+    """Replace causes by rivals while that improves the set."""
     while True:
         found = {
             chosen - {name} | {rival}: factor
@@ -564,7 +565,7 @@ def _exchanged(search: Search, chosen: Names) -> Names:
 
 
 def _pruned(search: Search, names: Names) -> Names:
-    """Leave out causes that do not earn their place beside the others."""
+    """Drop causes that do not earn their place."""
     while names - search.base.names:
         gains = {}
         for name in sorted(names - search.base.names):
@@ -578,7 +579,7 @@ def _pruned(search: Search, names: Names) -> Names:
 
 
 def _ensure(search: Search, names: Names) -> None:
-    """Fit a set that was not yet, cause by cause."""
+    """Fit a set, cause by cause, if not fitted yet."""
     if names in search.trials:
         return
     known = max((n for n in search.trials if n < names), key=len)
@@ -609,7 +610,7 @@ class RankedSet:
 
 
 def set_penalties(count: int) -> Floats:
-    """Return ln of the number of sets of 0, 1, … of so many causes: what their priors differ by.
+    """Return ln of the number of sets of 0, 1, … causes, the difference of their log priors.
 
     Examples
     --------
@@ -622,11 +623,11 @@ def set_penalties(count: int) -> Floats:
 
 
 def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
-    """Return the sets to be fitted beside a chosen one, the most plausible first.
+    """Return the sets to fit besides a chosen one, the most plausible first.
 
-    They differ from it by two causes at least, and screening puts them within odds of 20 of it, or
-    finds that they gain about what further causes take, and beyond a cause what chance gives for
-    there being more sets to choose from. At most as many as the effort allows.
+    They differ from it by at least two causes, and screening puts them within odds of 20 of it, or
+    finds that they gain about as much as further causes need, allowing for the larger number of
+    sets. Their number is limited by the effort.
     """
     scale = SetScale.of(search, chosen)
     own = scale.log_bayes_factor(chosen)
@@ -636,7 +637,7 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
     found = []
     for size in range(max(len(chosen), 2), min(MOST_CAUSES, len(search.causes)) + 1):
         more = size - len(chosen)
-        # without a cause errors have grown most, and screening is lowest: a few fits are worth it
+        # without a cause errors are widest and screening is lowest: a few fits are worthwhile
         choice = float(scale.penalties[size] - scale.penalties[len(chosen)]) if chosen else 0.0
         least = own + wanted * more + choice if more else own - LEAST_FACTOR
         found += [one for one in scale.best(size, least) if len(one.names - chosen) > 1]
@@ -646,7 +647,7 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
 
 @dataclass(frozen=True)
 class SetScale:
-    """All sets of causes on one linear scale: that of the base model, with the scatter of a set.
+    """All sets of causes on the linear scale of the base model, with the scatter of a set.
 
     Parameters
     ----------
@@ -664,7 +665,7 @@ class SetScale:
 
     @classmethod
     def of(cls, search: Search, names: Names) -> "SetScale":
-        """Return the scale with the scatter of a fitted set, without that of its causes."""
+        """Return the scale with the scatter of a fitted set, without that from its causes."""
         step, base = search.step(search.base.names), search.base
         fitted = search.trials[names]
         known = dict(zip(fitted.subject.table.names, fitted.mode, strict=True))
@@ -683,7 +684,7 @@ class SetScale:
         return cls(tuple(scales), tuple(own), set_penalties(len(search.causes)))
 
     def log_bayes_factor(self, names: Names) -> float | None:
-        """Return the log Bayes factor of a set; None where one of it changes no reading."""
+        """Return the log Bayes factor of a set; None if one of its causes changes no reading."""
         if not names:
             return 0.0
         found = [
@@ -696,7 +697,7 @@ class SetScale:
     def sizes_of(self, names: Names) -> dict[str, Floats]:
         """Return the most probable sizes in a set, on the unconstrained scale, by name.
 
-        Empty where a cause of them changes no reading.
+        Empty if one of its causes changes no reading.
         """
         for scale in self.scales:
             places = scale.places_of(names)
@@ -705,7 +706,7 @@ class SetScale:
         return {}
 
     def best(self, size: int, least: float) -> list[RankedSet]:
-        """Return the sets of so many causes with at least some log Bayes factor."""
+        """Return the sets of this many causes with at least this log Bayes factor."""
         found: dict[Names, RankedSet] = {}
         for scale, own in zip(self.scales, self.own, strict=True):
             sets = scale.all_sets(size)
