@@ -143,7 +143,7 @@ class Irregularity:
 
     @property
     def is_of_specimen(self) -> bool:
-        """Whether it concerns whole specimens, whose number limits how well the scatter is known."""
+        """Whether it concerns whole specimens, whose number limits how well scatter is known."""
         return self.oddity in OF_SPECIMENS
 
 

@@ -75,8 +75,8 @@ COMMON_FACTOR = Cause(
             0.0,
         ),
     ),
-    mechanism="a larger stressed volume or concentrated strain lowers all elongation limits
-    equally", typical={"cut": 0.5},
+    mechanism="a larger stressed volume or concentrated strain lowers all elongation limits alike",
+    typical={"cut": 0.5},
     revealed_by="ruptures below the films' elongation limit, at all degradation rates",
     on_strength=_cut_alike,
 )

@@ -89,7 +89,7 @@ class ActuatorDesign:
         return bool(np.any(same & (np.diff(self.data.time, axis=1) >= LONG)))
 
     def pressures(self, level: float) -> Floats:
-        """Return the steps of a loading [kPa], up to the pressure that half of specimens reached."""
+        """Return the steps of a loading [kPa], up to the pressure that half of them reached."""
         rows = _near(self.data, level)
         read = self.data.mask[rows]
         highest = np.where(read, self.data.pressure[rows], 0.0).max(axis=1)

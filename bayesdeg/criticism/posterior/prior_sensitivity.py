@@ -315,7 +315,7 @@ def _sensitivity(
     *,
     conclusion: bool,
 ) -> Sensitivity:
-    """Return the sensitivity of one quantity to prior and likelihood, ``whole`` and in ``parts``."""
+    """Return the sensitivity of one quantity to prior and likelihood, ``whole`` and ``parts``."""
     distances = [power_scaling(draws, part) for part in whole]
     noises = [noise_of(draws, part) for part in whole]
     return Sensitivity(
