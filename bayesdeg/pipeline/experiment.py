@@ -248,7 +248,7 @@ class ModelledExperiment:
             return given
         known = CATALOGUE | {one.name: one for one in (*self.assembly.causes, *self.causes)}
         if given not in known:
-            raise BayesdegError(f"unknown cause {given!r}; {use_one_of(given, known)}")
+            raise BayesdegError(f"there is no cause {given!r}; {use_one_of(given, known)}")
         return known[given]
 
     def with_candidates(self, causes: str | Iterable[Cause | str]) -> "ModelledExperiment":

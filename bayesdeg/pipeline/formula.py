@@ -381,7 +381,7 @@ def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
     named = {cause.name: cause for cause in known}
     if given not in named:
         remedy = use_one_of(given, named) if named else "give the bayesdeg.Cause itself"
-        raise BayesdegError(f"unknown cause {given!r} for this model; {remedy}")
+        raise BayesdegError(f"there is no cause {given!r} of this model; {remedy}")
     return named[given]
 
 
