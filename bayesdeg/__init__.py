@@ -4,8 +4,8 @@
 >>> bd.LogNormal(2, 1)
 LogNormal(median=2, sigma=1)
 
-The names below are all there is to the door; they are imported when they are first used, so that
-``import bayesdeg`` costs next to nothing.
+The names below are the public interface. They are imported on first use, so ``import bayesdeg`` is
+fast.
 """
 
 import importlib
@@ -13,16 +13,16 @@ import sys
 
 if sys.argv[:1] == ["-m"] and "bayesdeg" in sys.orig_argv:
     # Started by `python -m bayesdeg`: until the command answers signals itself, Ctrl-C ends the
-    # process without a traceback. Whoever imports the library is left alone.
-    _signals = importlib.import_module("_signal")  # a part of the interpreter, there at once
+    # process without a traceback. Importing the library changes nothing.
+    _signals = importlib.import_module("_signal")  # built in, so available at once
     _signals.signal(_signals.SIGINT, _signals.SIG_DFL)
 
 import os
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-# Read when numba is imported, here and in worker processes. At its default, 3, compiling takes
-# twice as long, and the kernels are no faster: loops become vectors at 2 as well.
+# Read when numba is imported, here and in worker processes. At the default of 3 compiling takes
+# twice as long and the kernels are no faster: loops are vectorized at 2 too.
 os.environ.setdefault("NUMBA_OPT", "2")
 
 __version__ = "0.1.0"
@@ -99,19 +99,19 @@ def __dir__() -> list[str]:
 
 
 _VERBS_AND_PACKAGES = ("emulator", "report")
-"""Verbs that are called like a package of this one, which Python binds to the name on import."""
+"""Functions with the same name as a subpackage, which Python binds to that name on import."""
 
 
 class _Verb(ModuleType):
-    """A package that is a verb of the door as well: calling it calls the function."""
+    """A subpackage that can also be called: calling it calls the public function of that name."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Call the verb of this name in `bayesdeg.api`."""
+        """Call the function of this name in `bayesdeg.api`."""
         return _verb(self)(*args, **kwargs)
 
     @property
     def __signature__(self) -> Any:
-        """That of the verb, for help and editors."""
+        """Signature of the function, for help and editors."""
         return importlib.import_module("inspect").signature(_verb(self))
 
 
@@ -120,7 +120,7 @@ def _verb(package: ModuleType) -> Any:
 
 
 class _Door(ModuleType):
-    """The package itself: what is bound to the name of a verb in it can be called like the verb."""
+    """The package itself; subpackages with the name of a public function become callable."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in _VERBS_AND_PACKAGES and type(value) is ModuleType:

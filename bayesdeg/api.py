@@ -1,9 +1,9 @@
-"""Verbs of the library, exported by ``import bayesdeg as bd``.
+"""The public functions of the library, for ``import bayesdeg as bd``.
 
-Read a study, calibrate its model, criticise it, name the cause, compare, predict, report. A verb
-returns a value that prints readably, renders as HTML in a notebook and gives tidy data frames;
-nothing is changed in place. The same seed gives the same result for any number of workers. Progress
-is shown on standard error on a terminal.
+Read a study, calibrate its model, criticise it, name the cause, compare, predict, report. Each
+function returns a value that prints readably, shows as HTML in a notebook and gives tidy frames;
+nothing is changed in place. The same seed gives the same result, whatever the number of workers.
+On a terminal, progress is shown on standard error.
 """
 
 import os
@@ -66,12 +66,12 @@ def emulator(
     progress: bool | None = None,
     backend: Backend | str = Backend.KERNELS,
 ) -> Surrogate:
-    """Return an emulator of an actuator: shipped, trained before, or trained now.
+    """Return an emulator of an actuator: shipped, trained earlier, or trained now.
 
-    For a study it is trained in the study's region, as by ``bayesdeg run``, in minutes; both find
-    each other's emulators. For dimensions alone it is trained over the whole range of materials and
-    causes, which takes hours. Solutions are stored in ``.cache/campaign``, so an interrupted
-    training resumes.
+    For a study it is trained in the study's region of the input space, as by ``bayesdeg run``, in
+    minutes; each finds emulators trained by the other. For dimensions alone it is trained over the
+    whole range of materials and causes, which takes hours. Solutions are kept in
+    ``.cache/campaign``, so an interrupted training can continue.
 
     Parameters
     ----------
@@ -80,27 +80,27 @@ def emulator(
     cache : Path
         Folder of trained emulators.
     workers : int, optional
-        Processes; by default one for each core.
+        Number of processes; by default one per core.
     progress : bool, optional
         Whether to show progress; by default on a terminal.
     backend : {"kernels", "scikit-fem"}
-        Finite element assembly for the training curves. With scikit-fem, forty times as slow, an
-        emulator is trained even if the package has one.
+        Finite element assembly for training. With scikit-fem, which is forty times slower, one is
+        trained even if the package has one.
 
     Returns
     -------
     Surrogate
-        Callable with inputs; it refuses to extrapolate.
+        A callable that refuses to extrapolate.
 
     Warns
     -----
     UserWarning
-        Before an emulator for dimensions alone is trained, with the expected time.
+        Before training an emulator for dimensions alone: how long that takes.
 
     Raises
     ------
     GeometryError
-        If no actuator can have these dimensions.
+        If no actuator can be made with the dimensions.
     BayesdegError
         If no emulator can be trained for the actuator, or the backend is unknown.
     """
@@ -110,7 +110,10 @@ def emulator(
     manner = Manner(yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend))
     if isinstance(geometry, Study) and geometry.actuator is not None:
         refuse_cells(geometry.settings, manner.backend)
-        with _work(False, workers, parallel=True) as (_, executor):  # training shows its own
+        with _work(False, workers, parallel=True) as (
+            _,
+            executor,
+        ):  # training shows its own progress
             try:
                 of_study = emulator_for(geometry, None, manner=manner, executor=executor)
             except Stopped as stop:
@@ -123,7 +126,7 @@ def emulator(
 def _of_whole_range(
     shape: Moulded, manner: Manner, workers: int | None, progress: bool | None
 ) -> Surrogate:
-    """Return an emulator of the whole range; train it if necessary."""
+    """Return an emulator of the whole range; train it if there is none."""
     refuse_whole_range(shape)
     found = find(shape, recipe=manner.recipe, cache=manner.cache)
     if found.surrogate is not None:
@@ -134,8 +137,8 @@ def _of_whole_range(
         study = rough_seconds(shape.dimensions, shape.constraint, workers=campaign.workers)
         _warn(
             [
-                f"training over the whole range takes {duration(expectation.seconds)}; "
-                f"bayesdeg.emulator(study) trains only where a study needs it, {duration(study)}"
+                f"training over the whole range takes {duration(expectation.seconds)}; for a "
+                f"study, bayesdeg.emulator(study) trains only its own region, in {duration(study)}"
             ]
         )
         trained = train_emulator(campaign, expectation, show)
@@ -157,38 +160,38 @@ def calibrate(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> Calibration:
-    """Calibrate a model: mode, evidence and sufficient posterior draws.
+    """Calibrate a model: mode, evidence, and posterior draws until the criteria are met.
 
     Parameters
     ----------
     model : Model
         With or without causes.
     effort : {"quick", "standard", "thorough"}, optional
-        Default: that of the study; ``standard`` for other models.
+        By default that of the study; ``standard`` for other models.
     seed : int, optional
-        Default: that of the study; 0 for other models. With the same seed the base model of a
-        study is calibrated exactly as by ``bayesdeg run``.
+        By default that of the study; 0 for other models. With the same seed the base model of a
+        study is calibrated as by ``bayesdeg run``.
     workers : int, optional
-        Processes; by default one for each core. A user's own forward maps and causes stay in this
-        process.
+        Number of processes; by default one per core. Your own forward maps and causes run in
+        this process.
     progress : bool, optional
         Whether to show progress; by default on a terminal.
 
     Returns
     -------
     Calibration
-        ``.posterior``, ``.summary()``; prints as a table.
+        Has ``.posterior`` and ``.summary()``; prints as a table.
 
     Warns
     -----
     UserWarning
-        If your own forward map returns values that are not finite, or two calls with the same
-        values differ.
+        If your forward map has no finite answer somewhere, or if two calls with the same values
+        differ.
 
     Raises
     ------
     BayesdegError
-        If the effort is unknown, or the density is zero at all starting points.
+        If the effort is unknown, or the density is zero at every possible start.
 
     Examples
     --------
@@ -221,17 +224,17 @@ def criticise(
     workers: int | None = None,
     progress: bool | None = None,
 ) -> Verdict:
-    """Criticise a calibrated model: no misfit, one cause, several, or an unknown cause.
+    """Find what is wrong with a calibrated model, if anything: one cause, several, or unknown.
 
-    The misfit is compared with data simulated from the model; causes are added as long as the
-    evidence exceeds that by chance, and held-out specimens must agree.
+    The misfit is compared with that of data simulated from the model. Causes are added while the
+    evidence exceeds what chance gives, and held-out specimens must agree.
 
     Parameters
     ----------
     base : Calibration
         Calibration of a model without causes.
     causes : "all" or list of str or Cause
-        Candidates: the catalogue, some of its causes, or your own.
+        Candidates: the catalogue, part of it, or your own causes.
     effort, seed, optional
         Default: those of the calibration.
     workers, progress, optional
@@ -269,7 +272,7 @@ def compare(
     Parameters
     ----------
     base : Calibration
-        Reference of the comparison.
+        The calibration that the others are compared with.
     *others : Calibration
         Calibrations to the same readings.
     seed, workers, progress, optional
@@ -281,12 +284,12 @@ def compare(
         The columns of ``gain.csv``, one row per model and degradation rate and for all rates:
         ``elpd`` and its difference to the base model with standard errors [nats], ``rmse_per_m``,
         ``crps_per_m`` [1/m], ``r_squared``, and coverage of 50 and 90 % intervals. For your own
-        readings the columns are ``level``, ``rmse`` and ``crps`` instead.
+        readings, ``level``, ``rmse`` and ``crps`` replace them.
 
     Raises
     ------
     BayesdegError
-        If there are too few specimens to hold out, or readings or names differ.
+        If there are too few specimens to leave any out, or readings or names differ.
     """
     fits = {one.model.name: _calibration(one) for one in (base, *others)}
     if len(fits) <= len(others):
@@ -299,11 +302,11 @@ def compare(
         subject = trials[0].subject
         if not can_be_held_out(subject):
             raise BayesdegError(
-                "there is no specimen to hold out; give the specimen of each reading, "
+                "there is no specimen to leave out; name the specimen of each reading, "
                 "Readings(..., specimen=), or measure more specimens"
             )
         if any(not np.array_equal(t.subject.observed, subject.observed) for t in trials):
-            raise BayesdegError("models to compare must be calibrated to the same readings")
+            raise BayesdegError("models that are compared must have the same readings")
         number = _seed(seed, base.seed)
         plans = (one_by_one(trial, experiment.folds(number)) for trial in trials)
         found = carried_out(plans, executor, lambda _: show.advance(1))
@@ -321,43 +324,43 @@ def predict(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Predict readings and rupture of new specimens.
+    """Predict the readings of a new specimen.
 
     Parameters
     ----------
     fit : Calibration
         Calibration of any model.
     pressure, degradation : float or array
-        For actuators: pressures as read [kPa] and degradation rates [%], every combination. In a
-        study without degradation the rate is 0 by default.
+        For actuators: pressures as read [kPa] and degradation rates [%], in every combination. In
+        a study in which nothing degrades the rate is 0 by default.
     hours : float or array
-        Instead of degradation rates: times in the soil [h], from which rates with uncertainty
-        follow by the moisture of films.
+        Instead of degradation rates: times in the soil [h], converted to rates with the moisture
+        of films and its uncertainty.
     x : array or DataFrame
-        For your own readings: inputs of the forward map.
+        For your own readings: the inputs of the forward map.
     conditions : ServiceConditions
-        For actuators: by default a fast first loading in a horizontal mount. Active causes change
-        predictions in others, such as ``ServiceConditions(hold_s=60, mount="hanging")``.
+        For actuators: by default a prompt first loading in a horizontal mount. Active causes
+        change predictions under others, such as ``ServiceConditions(hold_s=60, mount="hanging")``.
     seed, progress, optional
         As in `calibrate`.
 
     Returns
     -------
     DataFrame
-        For actuators a row per rate and pressure: curvature as quantiles ``q05`` to ``q95``
+        For actuators one row per rate and pressure: curvature as quantiles ``q05`` to ``q95``
         [1/m] without reading error, ``probability`` of rupture with its 90 % interval, the share
-        ``answered`` of specimens for which the mechanics has a solution, and ``why`` anything is
-        missing. For other models a row per x: ``mean``, ``sd`` and the same quantiles.
+        ``answered`` of specimens within the emulator's range, and ``why`` something is missing.
+        For other models one row per x: ``mean``, ``sd`` and the same quantiles.
 
     Warns
     -----
     UserWarning
-        If predictions lie outside the measured range, or conditions have no effect.
+        If predictions extrapolate beyond the measurements, and for conditions without effect.
 
     Raises
     ------
     BayesdegError
-        If arguments that the model needs are missing or invalid.
+        If what the model needs is missing or out of range.
     """
     experiment = _calibration(fit).model.experiment
     with _work(progress, 1, parallel=False) as (show, _):
@@ -396,15 +399,15 @@ def control(
 ) -> pd.DataFrame:
     """Find the pressure for a target curvature at a bounded risk of rupture.
 
-    For your own forward map, find the input for a target reading; ruptures are unknown there, so
-    no risk is bounded.
+    For your own forward map, find the input that gives a wanted reading; rupture is unknown there,
+    so no risk is bounded.
 
     Parameters
     ----------
     fit : Calibration
         Calibration of a study with actuators, or of your own forward map.
     curvature, degradation : float or array
-        Target curvatures [1/m] and degradation rates [%], every combination; rates as in
+        Wanted curvatures [1/m] and degradation rates [%], in every combination; rates as in
         `predict`.
     hours : float or array
         Instead of degradation rates, as in `predict` [h].
@@ -414,10 +417,9 @@ def control(
         Whether to allow pressures above the largest tested one, and above those survived by
         actuators that burst at or near the degradation rate.
     reading : float or array
-        For your own forward map: target readings, without reading error, in their unit.
+        For your own forward map: wanted readings, without reading error, in their unit.
     x : array, DataFrame or mapping of names to arrays
-        Inputs to try, in order; with several inputs, the first is searched and the others vary
-        with it.
+        Inputs to try, in order; of several, the first is sought and the others vary with it.
     conditions : ServiceConditions
         For actuators, as in `predict`.
     seed, progress, optional
@@ -426,27 +428,29 @@ def control(
     Returns
     -------
     DataFrame
-        For actuators a row per combination: ``reached`` or not, the pressure at which half of new
-        specimens reach the curvature, that for 90 % of them, the largest pressure allowed [kPa],
-        the curvature there [1/m], the probability of rupture, and ``why`` it is not reached. For
-        other models a row per reading: ``reached`` by half of new specimens or not, the input that
+        For actuators one row per combination: ``reached`` or not, the pressure at which half of
+        new specimens bend as far, what 90 % of them need, the largest pressure allowed [kPa], the
+        curvature there [1/m], the probability of rupture, and ``why`` it is not reached. For other
+        models one row per reading: ``reached`` by half of new specimens or not, the input that
         5, 50 and 95 % of them need (``needed_q05`` to ``needed_q95``), and the ``share`` that
         reaches it.
 
     Warns
     -----
     UserWarning
-        If a pressure or degradation rate lies outside the measured range, or conditions have no
-        effect.
+        If a pressure or degradation rate lies outside the measurements, and for conditions
+        without effect.
 
     Raises
     ------
     BayesdegError
-        If an argument is invalid, or the model is not of actuators.
+        If a value is out of range, or the model is not of actuators.
     """
     experiment = _calibration(fit).model.experiment
     if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(f"max_risk must be between 0 and 1, not {max_risk:g}")
+        raise BayesdegError(
+            f"max_risk {max_risk:g} is out of range; give a probability between 0 and 1"
+        )
     if experiment.own is not None:
         other = (curvature, degradation, hours)
         return _control_own(fit, reading, x, _seed(seed, fit.seed), other)
@@ -480,53 +484,57 @@ def lifetime(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
-    """Predict service life in the soil, and the pressure that maintains a curvature.
+    """Predict the service life of actuators in the soil and the pressure that keeps a curvature.
 
-    An actuator fails when it bursts at the service pressure, or bends less than required.
+    An actuator fails when it bursts at the given pressure, or bends less than asked.
 
     Parameters
     ----------
     fit : Calibration
-        Calibration of a study with actuators and moisture of films over time in the soil.
+        Calibration of a study with actuators and the moisture of films against time in the soil.
     pressure, curvature : float
-        Service load: gauge pressure [kPa] and the curvature required at it [1/m].
+        The duty: gauge pressure [kPa] and the curvature required at it [1/m].
     max_risk : float
-        Largest acceptable probability of rupture where the pressure is raised.
+        Largest acceptable probability of rupture if the pressure is raised.
     hours : array, optional
         Times in the soil, at least two; by default up to the last film's [h].
     beyond : bool
-        Whether to allow pressures above those tested, as in `control`.
+        Whether pressures above those tested are allowed, as in `control`.
     conditions, seed, progress, optional
         As in `control`.
 
     Returns
     -------
     DataFrame
-        The columns of ``lifetime.csv``, a row per time. Its ``attrs`` have ``summary`` in words,
-        ``time_to_failure_q05_h``, ``_q50_h`` and ``_q95_h`` over new actuators, and likewise
-        ``last_reachable_...``; None where it does not happen within the times.
+        The columns of ``lifetime.csv``, one row per time. Its ``attrs`` have a ``summary`` in
+        words, ``time_to_failure_q05_h``, ``_q50_h`` and ``_q95_h`` over new actuators, and
+        ``last_reachable_...`` likewise; None if it does not happen within the times.
 
     Warns
     -----
     UserWarning
-        If something lies outside the measured range, or conditions have no effect.
+        If something lies outside the measurements, and for conditions without effect.
 
     Raises
     ------
     BayesdegError
-        If an argument is invalid, or the study has no course of degradation.
+        If a value is out of range, or the study has no course of degradation.
     """
     experiment = _calibration(fit).model.experiment
     if experiment.own is not None:
-        raise BayesdegError("lifetime needs a study with actuators, not a user's own forward map")
+        raise BayesdegError("a model with its own forward map has no lifetime in the soil")
     if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(f"max_risk must be between 0 and 1, not {max_risk:g}")
+        raise BayesdegError(
+            f"max_risk {max_risk:g} is out of range; give a probability between 0 and 1"
+        )
     above = np.nextafter(0.0, 1.0)
     at = _numbers(pressure, "pressure", "kPa", low=above)
     [wanted] = _numbers(curvature, "curvature", "1/m", low=above)[:1]
     times = None if hours is None else _numbers(hours, "hours", "h")
     if times is not None and len(times) == 1:
-        raise BayesdegError(f"hours has a single time, {times[0]:g}; give at least two")
+        raise BayesdegError(
+            f"hours {times[0]:g} is a single time, but a lifetime needs several; give at least two"
+        )
     duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
         soil, drawn = experiment.soil(fit.effort, fit.seed, show), fit.drawn
@@ -568,7 +576,7 @@ def _control_own(
     if reading is None or x is None or any(one is not None for one in other):
         raise BayesdegError(
             "a model with its own forward map has no pressure and no curvature: use "
-            "control(fit, reading=..., x=...), with target reading and inputs to try"
+            "control(fit, reading=..., x=...) with the wanted reading and the inputs to try"
         )
     wanted = np.atleast_1d(np.asarray(reading, dtype=np.float64))
     if not np.all(np.isfinite(wanted)):
@@ -577,7 +585,7 @@ def _control_own(
 
 
 def _inputs(x: Any) -> Any:
-    """Return inputs as a frame or mapping of columns, or as an array."""
+    """Return inputs as a mapping of columns or as an array."""
     if isinstance(x, (pd.DataFrame, Mapping)):
         return x
     return np.asarray(list(x), dtype=np.float64)
@@ -598,17 +606,16 @@ def report(
     Parameters
     ----------
     path : Path
-        The folder; it is created, or refused if it contains anything else.
+        The folder; created if needed, refused if it holds something else.
     base : Calibration
         Calibration of the base model.
     final : Calibration, optional
-        Calibration with the causes of the verdict; by default the base model's.
+        Of the model with the causes of the verdict; that of the base model by default.
     verdict : Verdict
         Verdict on the base model.
     full : bool
-        Whether to compute also the importance of each kind of data, what the films alone say, and
-        deformed actuators, which takes about a minute; otherwise the page says that they are
-        missing.
+        Whether to compute also the checks of the calibration, the analysis of the films alone and
+        the deformed actuators, which takes about a minute; otherwise the page notes their absence.
     workers, progress, optional
         As in `calibrate`.
 
@@ -620,14 +627,14 @@ def report(
     Raises
     ------
     BayesdegError
-        If calibrations and verdict do not match, or the folder is not writable.
+        If calibrations and verdict do not match, or the folder cannot be written to.
     """
     experiment = _calibration(base).model.experiment
     last = base if final is None else _calibration(final)
     if verdict is None:
         raise BayesdegError("a report needs a verdict: report(path, base, final, verdict)")
     if verdict.model is not base.model:
-        raise BayesdegError("the verdict is of a different model than the base calibration")
+        raise BayesdegError("the verdict is of a different model from the base calibration")
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
         return write_run(Path(path), base, last, verdict, show, executor, full=full)
 
@@ -641,30 +648,30 @@ def update(
     seed: int | None = None,
     progress: bool | None = None,
 ) -> Update:
-    """Update a finished run with new actuator readings in seconds, as ``bayesdeg update``.
+    """Add further actuator readings to a finished run in seconds, as ``bayesdeg update`` does.
 
-    Draws of the run's posterior are reweighted by the new readings; if few of them carry the
-    weight, a law is fitted to them and sampled with all readings. The run is not changed: a new run
-    folder is written, with posteriors, bands, ruptures, decisions, life and shares of all readings.
-    The verdict is not updated.
+    The new readings reweight the draws of the run's posterior; if few of them carry the weight, a
+    distribution is fitted to these and sampled with all readings. The run is not changed: a new
+    run folder is written, with posteriors, bands, ruptures, decisions, lifetime and shares from all
+    readings. The verdict is not updated.
 
     Parameters
     ----------
     run : Path or Report
-        The run folder; its study must be where it was, and unchanged.
+        The run folder; its study must still be in its place and unchanged.
     new : Path or DataFrame
-        Rows of ``actuator.csv``, of new or earlier specimens: a CSV file or its columns.
+        Rows of ``actuator.csv`` for new or earlier specimens: a CSV file or its columns.
     out : Path, optional
-        The new run folder; by default next to the run, with ``_updated`` appended to its name.
+        The new run folder; by default that of the run with ``_updated`` appended.
     emulator : Path, optional
-        The emulator file given to the run, if any.
+        File of the emulator that the run was given, if any.
     seed, progress, optional
         As in `calibrate`.
 
     Returns
     -------
     Update
-        ``.folder``, ``.summary()``, ``.posterior``; prints the parameters that shifted most.
+        Has ``.folder``, ``.summary()`` and ``.posterior``; prints the parameters that moved most.
 
     Raises
     ------
@@ -723,7 +730,7 @@ def _of_answers(seed: int) -> np.random.SeedSequence:
 def _numbers(
     values: ArrayLike | None, name: str, unit: str, *, low: float = 0.0, high: float = np.inf
 ) -> Floats:
-    """Return sorted unique numbers."""
+    """Return sorted numbers without duplicates."""
     if values is None:
         raise BayesdegError(f"a model of a study requires {name}= [{unit}]")
     found = np.unique(np.atleast_1d(np.asarray(values, dtype=np.float64)))
@@ -743,7 +750,7 @@ def _warn(messages: Iterable[str]) -> None:
 def _work(
     progress: bool | None, workers: int | None, *, parallel: bool
 ) -> Iterator[tuple[Progress, Executor | None]]:
-    """Show progress, and open worker processes where they are useful."""
+    """Show progress, and start worker processes if useful."""
     count = workers if workers is not None else os.cpu_count() or 1
     if count < 1:
         raise BayesdegError(f"workers must be 1 or more, not {workers}")

@@ -1,4 +1,4 @@
-"""The command line, ``bayesdeg run STUDY`` and related commands, with its exit codes."""
+"""The command line ``bayesdeg``: commands and exit codes."""
 
 import errno
 import io
@@ -30,8 +30,8 @@ for command in COMMANDS:
     app.command(command.name, epilog=command.epilog)(command.call)
 
 DONE, OUR_FAULT, INPUT_FAULT, STOPPED = 0, 1, 2, 3
-INTERRUPTED = 130  # typer's exit code after Ctrl-C
-_requests: list[int] = []  # signals received that ask this process to end
+INTERRUPTED = 130  # typer's return value after Ctrl-C
+_requests: list[int] = []  # received signals to end this process
 
 
 def _print_version(wanted: bool) -> None:
@@ -49,7 +49,7 @@ def group(
         ),
     ] = False,
 ) -> None:
-    """Options common to all commands; the help is that of the group."""
+    """Options common to all commands; this docstring is not shown as help."""
 
 
 def main() -> None:
@@ -61,11 +61,11 @@ def main() -> None:
         code = exit_code()
     except KeyboardInterrupt:  # a second signal while the first was handled
         code = STOPPED
-    except OSError:  # the terminal is gone, so no message is possible
+    except OSError:  # the terminal is gone, so nothing can be printed
         code = STOPPED
-    signals.ignore()  # from here on, finish
+    signals.ignore()  # ignore further signals
     if code != DONE:
-        # end at once: worker processes end with this one
+        # at once: worker processes end with this one, whatever they are doing
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
@@ -74,7 +74,7 @@ def main() -> None:
 
 
 def _give_back_semaphores() -> None:
-    """Release shared semaphores, else they are reported as leaked on the terminal."""
+    """Release semaphores of workers, or Python prints warnings about leaks on the terminal."""
     util = sys.modules.get("multiprocessing.util")
     if util is not None:
         with suppress(Exception):  # nothing may prevent the command from ending
@@ -82,16 +82,16 @@ def _give_back_semaphores() -> None:
 
 
 def _stop(number: int, _frame: FrameType | None) -> None:
-    """Treat any request to end like Ctrl-C."""
+    """Treat any signal to end as Ctrl-C."""
     _requests.append(number)
     raise KeyboardInterrupt
 
 
 def _ended() -> object:
-    """Run the command; treat any fault after a request to end as that request.
+    """Run the command; an exception after a signal to end counts as that signal.
 
-    An interrupted library (an extension being imported, a pool whose workers also received the
-    signal) may raise anything.
+    A library that is interrupted half-way (an extension being imported, a pool whose workers
+    received the signal too) may raise anything.
     """
     try:
         ended = app(standalone_mode=False)
@@ -121,18 +121,18 @@ def exit_code() -> int:
         errors.print(str(stopped), soft_wrap=True)
         return STOPPED
     except (KeyboardInterrupt, typer.Abort):
-        errors.print("stopped; run the same command again to resume")
+        errors.print("stopped; the same command continues where it stopped")
         return STOPPED
     except MemoryError:
         _say("not enough memory; close other programs, or make the study smaller")
         return STOPPED
     except BrokenExecutor:
         _say(
-            "the system ended a worker process, probably for lack of memory; run the same command "
-            "again, with --workers 1 to use less"
+            "a worker process was killed from outside, possibly for lack of memory; repeat the "
+            "command, with --workers 1 to use less"
         )
         return STOPPED
-    except (BrokenPipeError, SystemExit):  # from rich: the reader closed the output
+    except (BrokenPipeError, SystemExit):  # rich's: the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return DONE
     except OSError as fault:
@@ -141,7 +141,7 @@ def exit_code() -> int:
         if not no_room(fault):
             return _our_fault()
         place = f" for {fault.filename}" if fault.filename else ""
-        _say(f"no space left{place} ({reason(fault)}); free some space and run the command again")
+        _say(f"no space left{place} ({reason(fault)}); free some space and repeat the command")
         return STOPPED
     except Exception as fault:
         if hasattr(fault, "format_message") and hasattr(fault, "exit_code"):  # click's usage errors
@@ -151,9 +151,9 @@ def exit_code() -> int:
 
 
 def _our_fault() -> int:
-    """Print the current exception for a bug report."""
+    """Print the current exception for the user to send to us."""
     traceback.print_exc()
-    errors.print(f"This is a bug in bayesdeg {bayesdeg.__version__}: please send us the above.")
+    errors.print(f"This is a fault in bayesdeg {bayesdeg.__version__}: please send us the above.")
     return OUR_FAULT
 
 

@@ -126,7 +126,7 @@ class Model:
 
     @property
     def name(self) -> str:
-        """The model by its causes: ``base``, ``base+pressure_offset``."""
+        """The model named by its causes: ``base``, ``base+pressure_offset``."""
         return "+".join(["base", *sorted(cause.name for cause in self.experiment.causes)])
 
     def with_causes(self, *causes: Cause | str) -> Self:
@@ -190,7 +190,7 @@ class Calibration:
     model : Model
         The calibrated model.
     fit : object
-        Mode, evidence and chain of the engine.
+        Mode, evidence and chain.
     effort, seed : str, int
         Settings of the calibration.
     seconds : float
@@ -408,7 +408,7 @@ class Update:
         return RunFolder(self.folder).read_posterior(POSTERIOR)
 
     def summary(self) -> pd.DataFrame:
-        """Return mean and sd of every parameter before and after, and its shift in sd before."""
+        """Return mean and sd of every parameter before and after, and its shift in earlier sd."""
         return self.written.moved.set_index("parameter")
 
     def __fspath__(self) -> str:

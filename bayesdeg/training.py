@@ -1,4 +1,4 @@
-"""Train an emulator: announce the time, ask for consent on a terminal, report the result."""
+"""Training an emulator: time estimate, confirmation on a terminal, training and results."""
 
 import csv
 import sys
@@ -87,22 +87,22 @@ from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.wording import fixed, percent, words
 
 RECIPE = Recipe()
-STORE = Path(".cache/campaign")  # of solutions, under the working directory
+STORE = Path(".cache/campaign")  # folder of solutions, under the working directory
 LOCAL = local_recipe
 
 
 @dataclass(frozen=True)
 class Manner:
-    """Options of training.
+    """Settings for training.
 
     Parameters
     ----------
     yes : bool
-        Whether to continue without asking.
+        Whether to proceed without asking.
     quiet : bool
         Whether to print nothing.
     refine : bool
-        Whether to refine an existing or new emulator where the study's posterior lies.
+        Whether to correct the emulator, found or trained, in the study's posterior region.
     cache : Path
         Folder of trained emulators.
     backend : Backend
@@ -117,36 +117,36 @@ class Manner:
 
     @property
     def recipe(self) -> Recipe:
-        """Recipe of an emulator of the whole range."""
+        """Recipe for an emulator of the whole range."""
         return replace(RECIPE, backend=self.backend)
 
     def local_recipe(self, geometry: Moulded) -> Recipe:
-        """Return that of an emulator for one study."""
+        """Return the recipe for an emulator of one study."""
         return replace(LOCAL(geometry.dimensions), backend=self.backend)
 
 
 def emulator_for(
     study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
 ) -> Surrogate | None:
-    """Return the emulator of a study's geometry; train it if necessary, and refine it.
+    """Return the emulator of a study's geometry; train it if there is none, and refine it.
 
     Parameters
     ----------
     study : Study
-        No emulator is needed without actuator readings.
+        Without actuator readings none is needed.
     given : Path, optional
         A file made by ``bayesdeg emulate``.
     manner : Manner
-        Options of training.
+        Settings for training.
     executor : Executor, optional
-        Where to solve.
+        Runs the solutions.
 
     Raises
     ------
     BayesdegError
-        If the file is damaged, outdated, or of a different geometry.
+        If the file is damaged, outdated or for a different geometry.
     Stopped
-        If the user declines or stops the training.
+        If the user declines the training or stops it.
     """
     found = _found_or_trained(study, given, manner=manner, executor=executor)
     if found is None or study.actuator is None or not manner.refine:
@@ -157,7 +157,7 @@ def emulator_for(
 def _found_or_trained(
     study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
 ) -> Surrogate | None:
-    """Find or train the emulator of a study's geometry."""
+    """Return the emulator of a study's geometry, found or trained."""
     asked_beside = outline(study).asked
     uncertain = study.settings.uncertain
     if given is not None:
@@ -181,7 +181,7 @@ def _found_or_trained(
             return found.surrogate
         found = replace(found, surrogate=None, reason=reason)
     with shown(manner.quiet) as progress:
-        progress.stage("where the study lies")
+        progress.stage("in the study's region")
         asked = asked_of(study, study.settings.seed)
     units = units_for(geometry, asked)
     first = replace(
@@ -192,21 +192,21 @@ def _found_or_trained(
     if known is not None:
         return known
     if not manner.quiet:
-        _print(f"{found.reason}; one is trained now for this study and stored in {manner.cache}")
+        _print(f"{found.reason}; one is trained now for this study and kept in {manner.cache}")
     return train_where_asked(study, first, executor, manner)
 
 
 def _refuse_assembled(given: Path, trained: Surrogate, manner: Manner) -> None:
-    """Refuse an emulator trained with the kernels if a different backend is requested."""
+    """Refuse a file trained with the kernels if a different backend is requested."""
     if manner.backend not in (Backend.KERNELS, backend_of(trained.record)):
         raise BayesdegError(
-            f"{given} was trained on curves of the {backend_of(trained.record)}; create it with "
+            f"{given} was trained on curves of the {backend_of(trained.record)}; train it with "
             f"'bayesdeg emulate --backend {manner.backend}', or leave --backend out"
         )
 
 
 def refuse_cells(settings: Settings, backend: Backend) -> None:
-    """Refuse tetrahedra with scikit-fem, whose weak form supports bricks only.
+    """Refuse tetrahedra for scikit-fem, whose weak form here is only for bricks.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def refuse_cells(settings: Settings, backend: Backend) -> None:
         return
     if read_part(mould.path).is_tetrahedral:
         raise BayesdegError(
-            f"{mould.file} consists of tetrahedra, but {backend} supports bricks only; "
+            f"{mould.file} has tetrahedra, but {backend} assembles only bricks; "
             f"use --backend {Backend.KERNELS}"
         )
 
@@ -226,7 +226,7 @@ def refuse_cells(settings: Settings, backend: Backend) -> None:
 def _known(
     study: Study, first: LocalDesign, wanted: TrainingRange, manner: Manner
 ) -> Surrogate | None:
-    """Return an emulator trained for this study, or an equally good one."""
+    """Return an emulator trained for this study, or one that covers it too."""
     geometry = geometry_of_study(study.settings)
     own = _kept_for(geometry, first, manner)
     for path, surrogate in covering(geometry, wanted, manner.cache):
@@ -243,7 +243,7 @@ def _known(
 
 
 def _ends_refined(geometry: Moulded, design: LocalDesign) -> bool:
-    """Return whether training ends with refinement by fine curves."""
+    """Return whether training ends by refining the emulator with fine curves."""
     return has_ground(geometry) and not design.only_departure and LAST_ROUNDS > 0
 
 
@@ -256,7 +256,7 @@ def _kept_for(geometry: Moulded, first: LocalDesign, manner: Manner) -> Path:
 
 def _asked_after(study: Study, surrogate: Surrogate, manner: Manner) -> AskedAfterwards:
     with shown(manner.quiet) as progress:
-        progress.stage("where the posterior lies")
+        progress.stage("in the posterior region")
         return asked_after(study, surrogate, study.settings.seed)
 
 
@@ -266,10 +266,10 @@ def _is_good(
     wanted_pct: float,
     before: AskedAfterwards | None = None,
 ) -> bool:
-    """Return whether more curves would not improve an emulator where the posterior lies.
+    """Return whether an emulator is as accurate in the posterior region as curves can make it.
 
-    New curves cannot reduce the shipped emulator's own errors; and if those of one round brought no
-    more of the posterior into range, those of the next would not either.
+    Further curves cannot correct the errors of the shipped emulator itself. If the curves of a
+    round bring no more of the posterior into the range, those of the next would not either.
     """
     is_exact = design.only_departure or found.error_pct <= wanted_pct
     mends = before is None or found.outside < before.outside
@@ -279,23 +279,23 @@ def _is_good(
 def train_where_asked(
     study: Study, first: LocalDesign, executor: Executor | None, manner: Manner
 ) -> Surrogate:
-    """Train an emulator over a study's prior range, then where its posterior lies, until accurate.
+    """Train an emulator over the range of a study, then in its posterior region until accurate.
 
     Parameters
     ----------
     study : Study
         With readings of actuators.
     first : LocalDesign
-        Design from films, priors and conditions.
+        The range given by films, priors and conditions.
     executor : Executor, optional
-        Where to solve.
+        Runs the solutions.
     manner : Manner
-        Options of training.
+        Settings for training.
 
     Raises
     ------
     Stopped
-        If the user declines or stops the training.
+        If the user declines or stops it.
     """
     geometry, store = geometry_of_study(study.settings), SolutionStore(STORE)
     recipe, design = manner.local_recipe(geometry), first
@@ -335,28 +335,28 @@ def train_where_asked(
 def refined_emulator(
     study: Study, ground: Surrogate, *, manner: Manner, executor: Executor | None
 ) -> Surrogate:
-    """Refine an emulator where a study's posterior lies, until its error has no effect there.
+    """Correct an emulator in a study's posterior region until its error no longer matters there.
 
     Fine curves are added until the remaining error can shift no posterior mean noticeably, or for
-    `REFINING_ROUNDS` rounds. Existing solutions are reused.
+    `REFINING_ROUNDS` rounds. Solutions are reused.
 
     Parameters
     ----------
     study : Study
         With readings of actuators.
     ground : Surrogate
-        Emulator of its geometry.
+        An emulator of its geometry.
     manner : Manner
-        Options of training.
+        Settings for training.
     executor : Executor, optional
-        Where to solve.
+        Runs the solutions.
 
     Raises
     ------
     Stopped
-        If the user declines or stops the training.
+        If the user declines or stops it.
     BayesdegError
-        If too few curves are usable.
+        If too few curves are informative.
     """
     geometry = geometry_of_study(study.settings)
     begun = Campaign(geometry, manner.local_recipe(geometry), SolutionStore(STORE), executor)
@@ -376,14 +376,14 @@ def _refined(
     *,
     base: Trial | None = None,
 ) -> tuple[Campaign, Surrogate]:
-    """Return an emulator refined in up to ``rounds`` rounds, and its solutions.
+    """Return an emulator corrected in at most this many rounds, and the solutions for it.
 
-    Its own base model need not be calibrated again.
+    Its base model is not calibrated again.
     """
     campaign, found = begun, ground
     for number in range(rounds):
         with shown(manner.quiet) as progress:
-            progress.stage("where the posterior lies")
+            progress.stage("in the posterior region")
             known = base if number == 0 else None
             posteriors = posteriors_of(study, found, study.settings.seed, base=known)
         campaign = refining_campaign(campaign, posteriors, ground, number)
@@ -400,20 +400,20 @@ def _say_left(left: ErrorLeft, manner: Manner, *, last: bool) -> None:
         return
     then = "" if left.is_small or last else "; more curves are solved there"
     _print(
-        f"{left.curves} curves where the posterior lies shifted {left.moved_parameter} by "
+        f"{left.curves} curves in the posterior region moved {left.moved_parameter} by "
         f"{left.moved_sd:.2g} sd; the emulator's remaining error shifts {left.parameter} by "
         f"{left.shift_sd:.2g} sd (target: {TARGET_SHIFT:g}) and is "
-        f"{100.0 * left.share_of_reading_errors:.2g} % of the reading error{then}"
+        f"{100.0 * left.share_of_reading_errors:.2g} % of a reading error{then}"
     )
 
 
 def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
-    """Announce the time of a campaign, complete it, train the emulator and store it in a file.
+    """Announce the time of a campaign, complete it, train the emulator and save it.
 
     Raises
     ------
     Stopped
-        If the user declines or stops the training.
+        If the user declines or stops it.
     """
     surrogate = completed(campaign, manner)
     _keep([campaign], path, surrogate, manner)
@@ -426,7 +426,7 @@ def completed(campaign: Campaign, manner: Manner) -> Surrogate:
     Raises
     ------
     Stopped
-        If the user declines or stops the training.
+        If the user declines or stops it.
     """
     return _worked(campaign, manner, train_emulator)
 
@@ -436,12 +436,12 @@ def _worked[Result](
     manner: Manner,
     work: Callable[[Campaign, Expectation, Progress], Result],
 ) -> Result:
-    """Announce the time of a campaign and do the work.
+    """Announce the time of a campaign and run it.
 
     Raises
     ------
     Stopped
-        If the user declines or stops the training.
+        If the user declines or stops it.
     """
     try:
         with shown(manner.quiet) as progress:
@@ -455,7 +455,7 @@ def _worked[Result](
 
 
 def _keep(campaigns: Sequence[Campaign], path: Path, surrogate: Surrogate, manner: Manner) -> None:
-    """Write the emulator and report the runs."""
+    """Write the emulator and the list of failures."""
     write_trained(path, surrogate)
     ended = [end for campaign in campaigns for end in endings(campaign)]
     listed = list_failures(path, ended)
@@ -473,12 +473,12 @@ def _say_where(found: AskedAfterwards, wanted_pct: float, manner: Manner, *, goo
     ends = (
         ""
         if found.unanswered == 0.0
-        else f" (in a further {100.0 * found.unanswered:.2g} % the actuator balloons below your "
-        "highest pressure, which cannot be computed)"
+        else f" (in a further {100.0 * found.unanswered:.2g} % of plausible cases the actuator "
+        "balloons below your highest pressure, which cannot be computed)"
     )
     _print(
-        f"where the posterior lies the emulator's standard error is {found.error_pct:.2g} % "
-        f"(target: {wanted_pct:g} %), and {100.0 * found.outside:.2g} % lies outside its range"
+        f"in the posterior region the emulator's standard error is {found.error_pct:.2g} % "
+        f"(target: {wanted_pct:g} %); {100.0 * found.outside:.2g} % of the region is out of range"
         f"{ends}{then}"
     )
 
@@ -495,15 +495,15 @@ def _say(expectation: Expectation, store: Path, manner: Manner) -> None:
         raise KeyboardInterrupt from stop
     if not agreed:
         raise Stopped(
-            f"not trained; solutions stay in {store}, and the same command resumes from there"
+            f"not trained; solutions are kept in {store}, and the same command continues from there"
         )
 
 
 def _what_stays(campaign: Campaign) -> str:
     total, folder = len(campaign.runs), campaign.store.folder
     return (
-        f"stopped; {total - len(campaign.left())} of {total} finite element curves are stored in "
-        f"{folder}, and the same command resumes from there"
+        f"stopped; {total - len(campaign.left())} of {total} finite element curves are kept in "
+        f"{folder}, and the same command continues from there"
     )
 
 
@@ -541,7 +541,7 @@ def list_failures(path: Path, ended: list[tuple[Run, Status]]) -> Path | None:
 
 
 def runs_table(ended: list[tuple[Run, Status]]) -> Table:
-    """Return counts of runs by mesh and status."""
+    """Return the outcomes of the runs, by mesh and status."""
     table = Table(title="finite element curves", title_justify="left")
     meshes = list(dict.fromkeys(run.resolution for run, _ in ended))
     table.add_column("outcome", overflow="fold")
@@ -559,8 +559,8 @@ def runs_table(ended: list[tuple[Run, Status]]) -> Table:
 
 
 def accuracy_table(surrogate: Surrogate) -> Table:
-    """Return the accuracy of an emulator on curves it was not trained on."""
-    table = Table(title="emulator errors on held-out curves [%]", title_justify="left")
+    """Return the accuracy of an emulator on curves that it was not trained on."""
+    table = Table(title="emulator, on held-out curves [%]", title_justify="left")
     table.add_column("quantity")
     for heading in ("rms", "95th percentile", "largest", "inside its 90 % interval"):
         table.add_column(heading, justify="right")

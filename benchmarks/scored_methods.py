@@ -168,7 +168,7 @@ def markdown(scores: dict[str, Score]) -> str:
     for name in SHOWN:
         shares = [found.share(name) for found in scores.values()]
         rows.append((shares[0].meaning, shares[0].studies, *map(_cell, shares)))
-    rows.append(("causes said for each hidden one, where right", "", *map(_said, scores.values())))
+    rows.append(("causes stated per hidden cause, if right", "", *map(_said, scores.values())))
     rows.append(("sizes inside their 90 % intervals", "", *map(_inside, scores.values())))
     rows.append(("Brier score (base rates)", "", *map(_brier, scores.values())))
     parts = [_table(heads, rows)]

@@ -82,7 +82,7 @@ def answer(command, run, *options):
 def assert_same_answer(ours, theirs):
     """Hold the answer of a verb against that of its command, which also knows of the whole run."""
     assert_same(ours[0], theirs[0])
-    plain = {one.removesuffix("; --cause gives those of one") for one in theirs[1]}
+    plain = {one.removesuffix("; --cause selects one") for one in theirs[1]}
     assert ours[1] <= plain
     assert any("flaw_embrittlement" in one for one in ours[1])  # it is averaged
 
@@ -176,5 +176,5 @@ def test_next(run, fits):
 def test_a_verdict_is_of_its_own_model_alone(fits):
     base, verdict, final = fits
     for other in (final.model, bd.Model(base.model.data, emulator())):
-        with pytest.raises(bd.BayesdegError, match="another model"):
+        with pytest.raises(bd.BayesdegError, match="a different model"):
             other.with_verdict(verdict)

@@ -1,4 +1,4 @@
-"""What commands that ask a stored posterior share: numbers on the command line, and the answer."""
+"""Common parts of commands that use a stored posterior: reading numbers, printing answers."""
 
 import math
 import sys
@@ -35,7 +35,7 @@ def stored_run(report: Path, cause: str | None, *, base: bool, emulator: Path | 
     Raises
     ------
     typer.BadParameter
-        If both a cause and the base model are asked for.
+        If both a cause and the base model are requested.
     BayesdegError
         If the folder is not that of a finished run, or the cause is none of those that the run
         could not tell apart.
@@ -47,7 +47,7 @@ def stored_run(report: Path, cause: str | None, *, base: bool, emulator: Path | 
 
 
 def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: float) -> Floats:
-    """Return the numbers that an option lists, rising, each once.
+    """Return the numbers listed by an option, sorted and without duplicates.
 
     Parameters
     ----------
@@ -56,12 +56,12 @@ def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: f
     option, unit : str
         For messages.
     low, high : float
-        The smallest and largest that make sense.
+        Limits.
 
     Raises
     ------
     typer.BadParameter
-        If one is no number or makes no sense.
+        If one is not a number or is outside the limits.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: f
         if not (low <= value <= high and math.isfinite(value)):
             upper = f" and not above {high:g}" if math.isfinite(high) else ""
             raise typer.BadParameter(
-                f"{option} {value:g} {unit} makes no sense; give numbers not below {low:g}{upper}"
+                f"{option} {value:g} {unit} is out of range; give numbers not below {low:g}{upper}"
             )
     return np.unique(np.array(found))
 
@@ -88,7 +88,7 @@ def _number(text: str, option: str) -> float:
         return float(text)
     except ValueError as fault:
         raise typer.BadParameter(
-            f"{option} {text!r} is no number; write 100, or 50,100, or 0:240:20"
+            f"{option} {text!r} is not a number; write 100, or 50,100, or 0:240:20"
         ) from fault
 
 
@@ -96,7 +96,7 @@ def _range(text: str, option: str) -> list[float]:
     parts = [_number(part, option) for part in text.split(":")]
     if len(parts) != 3 or not all(map(math.isfinite, parts)):
         raise typer.BadParameter(
-            f"{option} {text!r} is no range; write first:last:step, such as 0:240:20"
+            f"{option} {text!r} is not a range; write first:last:step, such as 0:240:20"
         )
     first, last, step = parts
     if not (step > 0.0 and last >= first):
@@ -107,13 +107,13 @@ def _range(text: str, option: str) -> list[float]:
     count = math.floor((last - first) / step + 1e-9) + 1
     if count > MOST_ROWS:
         raise typer.BadParameter(
-            f"{option} {text!r} has {count} numbers, more than {MOST_ROWS}; take a wider step"
+            f"{option} {text!r} has {count} numbers, more than {MOST_ROWS}; use a wider step"
         )
     return [first + step * i for i in range(count)]
 
 
 def refuse_risk(risk: float) -> None:
-    """Refuse a risk that bounds nothing.
+    """Refuse a risk that is not between 0 and 1.
 
     Raises
     ------
@@ -122,40 +122,39 @@ def refuse_risk(risk: float) -> None:
     """
     if not 0.0 < risk < 1.0:
         raise typer.BadParameter(
-            f"--risk {risk:g} is no probability that could bound anything; give a number above 0 "
-            "and below 1, such as 0.05"
+            f"--risk {risk:g} is out of range; give a probability above 0 and below 1, such as 0.05"
         )
 
 
 def refuse_too_many(*asked: Sized, most: int = MOST_ROWS) -> None:
-    """Refuse more rows than anybody reads.
+    """Refuse more rows than anyone would read.
 
     Raises
     ------
     typer.BadParameter
-        If there are more than so many.
+        If there are more than the limit.
     """
     rows = math.prod(len(values) for values in asked)
     if rows > most:
         raise typer.BadParameter(
-            f"{rows} combinations are asked for, more than {most}; ask for fewer at a time"
+            f"{rows} combinations requested, more than {most}; request fewer at a time"
         )
 
 
 def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:
-    """Return columns of inputs, every combination of what the options list.
+    """Return columns of inputs: every combination of the listed values.
 
     Parameters
     ----------
     texts : sequence of str
-        As they are given: ``height_m=1,2``.
+        Options as given: ``height_m=1,2``.
     wanted : sequence of str
         Names of the inputs, all of which must be given.
 
     Raises
     ------
     typer.BadParameter
-        If one is missing, unknown, or no number.
+        If one is missing, unknown or not a number.
 
     Examples
     --------
@@ -172,14 +171,14 @@ def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:
         given[name] = numbers([values], f"--x {name}", "", low=-math.inf, high=math.inf)
     missing = [name for name in wanted if name not in given]
     if missing:
-        raise typer.BadParameter(f"give --x {missing[0]}=..., an input of the study's function")
+        raise typer.BadParameter(f"--x {missing[0]}=... is missing; the study's function needs it")
     refuse_too_many(*given.values())
     grid = np.meshgrid(*(given[name] for name in wanted), indexing="ij")
     return {name: column.ravel() for name, column in zip(wanted, grid, strict=True)}
 
 
 def seed_of(stored: Posterior, given: int | None) -> np.random.SeedSequence:
-    """Return the seed of an answer, as verbs have it: from the user's, or else from the run's."""
+    """Return the seed of an answer as in the Python functions: the user's, or else the run's."""
     return np.random.SeedSequence([(stored.run.seed or 0) if given is None else given, 1])
 
 
@@ -194,9 +193,9 @@ class Answer(FileRecord):
     )
     outcome: Outcome = Field(description="of the run")
     units: Mapping[str, str] = Field(description="by column of the rows")
-    messages: Names = Field(description="what its user should know")
+    messages: Names = Field(description="warnings and notes")
     summary: Mapping[str, Scalar] = Field(
-        default={}, exclude_if=is_absent, description="of lifetime: times in hours"
+        default={}, exclude_if=is_absent, description="for lifetime: times in hours"
     )
     rows: tuple[Mapping[str, Scalar], ...]
 
@@ -215,13 +214,13 @@ def print_json(
     stored : Posterior
         Of which model and run it is.
     table : DataFrame
-        The answer; what is missing becomes null.
+        The answer; missing values become null.
     messages : sequence of str
-        What its user should know.
+        Warnings and notes.
     units : dict
-        By column.
+        Units by column.
     summary : mapping, optional
-        Numbers that are of no row.
+        Numbers that belong to no row.
     """
     rows = [
         {name: None if pd.isna(value) else value for name, value in row.items()}
@@ -251,12 +250,12 @@ def delivered(
     as_json: bool,
     summary: Mapping[str, float | None] | None = None,
 ) -> bool:
-    """Write an answer where that is asked for, say its messages, print it as JSON.
+    """Write the answer if requested, print its messages, and print it as JSON if requested.
 
     Returns
     -------
     bool
-        Whether that is all, and nothing is left to be shown.
+        Whether nothing is left to be shown.
     """
     if out is not None:
         write_csv(out, table)
@@ -280,11 +279,11 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
 
 
 def empty_table(stored: Posterior, headings: Sequence[str], addition: str = "") -> Table:
-    """Return a table for the terminal that says which model of which run it is of."""
+    """Return a table for the terminal, titled with its run and model."""
     run = stored.run
     virtual = "; virtual experiment" if run.virtual else ""
     title = f"{run.title}\n{stored.name} (verdict: {stored.verdict.outcome}{virtual}){addition}"
-    # as Text, lest units in brackets be taken for markup
+    # as Text, or units in brackets would be read as markup
     table = Table(title=Text(title), title_justify="left")
     for heading in headings:
         table.add_column(Text(heading), justify="right", no_wrap=True)
@@ -307,17 +306,17 @@ def show_rows(stored: Posterior, table: pd.DataFrame, units: Mapping[str, str]) 
 
 
 def needed(given: list[str] | None, option: str, **own: list[str] | None) -> list[str]:
-    """Return what an option of actuators gives.
+    """Return the value of an option for actuators.
 
     Raises
     ------
     typer.BadParameter
-        If it is not given, or an option is that is of a forward map of one's own.
+        If it is missing, or an option for a user's forward map is given.
     """
     for name, value in own.items():
         if value:
             raise typer.BadParameter(
-                f"--{name} is of a forward map of one's own, and this run is of films or actuators"
+                f"--{name} is only for your own forward map; this run is of films or actuators"
             )
     if not given:
         raise typer.BadParameter(f"{option} is missing")
@@ -327,16 +326,16 @@ def needed(given: list[str] | None, option: str, **own: list[str] | None) -> lis
 def levels_of(
     report: Path, degradation: list[str] | None, hours: list[str] | None, seed: int | None
 ) -> tuple[Level, ...]:
-    """Return the degradation rates that are asked for, given or by hours in the soil.
+    """Return the requested degradation rates, given directly or by hours in the soil.
 
-    Of a study in which nothing degrades it is 0 unless another is given.
+    In a study in which nothing degrades it is 0 unless another is given.
 
     Raises
     ------
     typer.BadParameter
-        If neither is given, or both are, or one makes no sense.
+        If neither or both are given, or one is out of range.
     BayesdegError
-        If the study says nothing of the course of degradation.
+        If the study has no course of degradation.
     """
     if degradation and hours:
         raise typer.BadParameter("give --degradation or --hours, not both")
@@ -356,7 +355,7 @@ def _degrades(report: Path) -> bool:
 
 
 def refuse_others(conditions: ServiceConditions, **given: object) -> None:
-    """Refuse options of actuators where a forward map of one's own is asked.
+    """Refuse options of actuators for a user's forward map.
 
     Raises
     ------
@@ -365,14 +364,14 @@ def refuse_others(conditions: ServiceConditions, **given: object) -> None:
     """
     if conditions != PROMPT:
         raise typer.BadParameter(
-            f"{', '.join(conditions.changed)} is of actuators, and has no meaning in a study with "
-            "a forward map of its own"
+            f"{', '.join(conditions.changed)} is only for actuators, not for a study with its own "
+            "forward map"
         )
     for name, value in given.items():
         if value:
             raise typer.BadParameter(
-                f"--{name} has no meaning in a study with a forward map of its own; give --x "
-                "NAME=VALUES"
+                f"--{name} is only for actuators, not for a study with its own forward map; give "
+                "--x NAME=VALUES"
             )
 
 
@@ -384,7 +383,7 @@ def answer(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Print the answer of a forward map of one's own, and write it where that is asked for."""
+    """Print the answer of a user's forward map, and write it if requested."""
     if out is not None:
         write_csv(out, table)
     if as_json:

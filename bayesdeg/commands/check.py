@@ -1,4 +1,4 @@
-"""``bayesdeg check``: read and check a study and draw its actuator, and compute nothing."""
+"""``bayesdeg check``: read and check a study and draw its actuator, without computing."""
 
 import importlib
 from collections.abc import Iterator
@@ -58,7 +58,7 @@ def check(study: Path) -> None:
         geometry = geometry_of_study(checked.settings)
         output().print(described(geometry), soft_wrap=True, markup=False, highlight=False)
         drawings = [section(geometry)]
-        if geometry.dimensions.kind == "cylindrical":  # along it all sections look alike
+        if geometry.dimensions.kind == "cylindrical":  # all sections along it look alike
             drawings += ["", across(geometry)]
         for drawing in drawings:
             output().print(drawing, soft_wrap=True, markup=False, highlight=False)
@@ -69,21 +69,21 @@ def check(study: Path) -> None:
 
 
 def _shrinkage(study: Study) -> Iterator[str]:
-    """Give the volume ratio of the films as it is used, and as Eqs 15 and 16 have it."""
+    """Return the volume ratio of the films as used, and by Eqs 15 and 16."""
     if study.shrinkage is None:
         return
     masses, recipe = film_masses(study.shrinkage), study.settings.recipe
     used, printed = mean_over_films(masses, recipe)[0], mean_as_printed(masses, recipe)
     yield (
         f"volume ratio α of {used.count} film{'s' if used.count > 1 else ''}: "
-        f"{_with_error(used.value, used.standard_error)} by the volumes of the components, which "
-        f"is used; {_with_error(printed.value, printed.standard_error)} by Eqs 15 and 16 as "
+        f"{_with_error(used.value, used.standard_error)} from the volumes of the components "
+        f"(used); {_with_error(printed.value, printed.standard_error)} from Eqs 15 and 16 as "
         "printed, which average densities by mass"
     )
 
 
 def _mass_loss(study: Study) -> Iterator[str]:
-    """Give the slope of Eq. 6 that the control experiment has, beside the published one."""
+    """Return the slope of Eq. 6 from the control experiment, and the published one."""
     if study.mass_loss is None:
         return
     try:
@@ -95,17 +95,17 @@ def _mass_loss(study: Study) -> Iterator[str]:
         f"mass loss over degradation rate of {found.samples} "
         f"sample{'s' if found.samples > 1 else ''}: {_with_error(found.dry, found.dry_se)} with "
         f"moisture on the dry basis (published: {MASS_LOSS_SLOPE}, Eq. 6); "
-        f"{_with_error(found.wet, found.wet_se)} on the wet basis, on which other files give D_R"
+        f"{_with_error(found.wet, found.wet_se)} on the wet basis, which other files use for D_R"
     )
 
 
 def _with_error(value: float, error: float) -> str:
-    """Word a number with its standard error, if that is known."""
+    """Format a number with its standard error, if known."""
     return f"{value:.3g}" if isnan(error) else f"{value:.3g} ± {error:.2g}"
 
 
 def _say_how_long(geometry: Moulded, uncertain: tuple[UncertainDimension, ...]) -> None:
-    """Say roughly how long an emulator of the actuator is trained, if one is."""
+    """Say roughly how long training an emulator takes, if one is needed."""
     found = search(geometry)
     if found.source is not None and not uncertain:
         return
@@ -119,34 +119,36 @@ def _say_how_long(geometry: Moulded, uncertain: tuple[UncertainDimension, ...]) 
     reason = found.reason if found.source is None else f"{uncertain[0].name} is a prior"
     output().print(
         f"{reason}; 'bayesdeg run' trains one first: {duration(seconds)} with "
-        f"--workers {CORES}, a rough guess that it replaces by a measured time",
+        f"--workers {CORES}, a rough guess until it has timed the meshes",
         soft_wrap=True,
     )
 
 
 def _said(one: UncertainDimension) -> str:
-    """Say what is known of a dimension that is a prior."""
-    left_out = f"; {100.0 * one.lost:.2g} % of its law has no actuator" if one.lost > 0.0 else ""
+    """Describe a dimension that is given as a prior."""
+    left_out = (
+        f"; no actuator can be made in {100.0 * one.lost:.2g} % of it" if one.lost > 0.0 else ""
+    )
     return (
-        f"{one.name} is a prior: {one.median:.4g} ± {one.step:.2g} mm, taken from {one.low:.4g} "
+        f"{one.name} is a prior: {one.median:.4g} ± {one.step:.2g} mm, limited to {one.low:.4g} "
         f"to {one.high:.4g} mm{left_out}"
     )
 
 
 def _say_how_read(study: Study) -> None:
-    """Say by which operator curvatures are read, and of what."""
+    """Say with which operator curvatures are read, and from what."""
     operator = study.settings.operator
     if study.line_points is not None and study.actuator is not None:
         output().print(
-            f"{len(study.actuator)} lines: curvature and bend angle are read of "
-            f"{study.line_points} even points each, as {operator or 'angle_over_arc'}, and so is "
-            "the model's own line",
+            f"{len(study.actuator)} lines: curvature and bend angle are read from "
+            f"{study.line_points} equidistant points each, as {operator or 'angle_over_arc'}, "
+            "as they are from the model's line",
             soft_wrap=True,
         )
     elif operator is None:
         output().print(
-            "study.toml does not state [reading] operator: curvatures are taken for "
-            "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line reads "
+            "study.toml does not state [reading] operator: curvatures are assumed to be "
+            "angle_over_arc, bend angle over arc length; a circle fitted to the bottom line gives "
             "up to a fifth more, which looks like shrinkage_reading",
             soft_wrap=True,
             markup=False,
@@ -154,8 +156,8 @@ def _say_how_read(study: Study) -> None:
 
 
 def _check_own(study: Study) -> None:
-    """Try the forward map and the causes of a study, and say what there is."""
-    # brings the engine along, which no other check needs
+    """Try the forward map and the causes of a study, and list its readings."""
+    # imports the engine, which no other check needs
     found = importlib.import_module("bayesdeg.pipeline.assemble").assemble(study)
     title = f"{study.name}: no faults"
     table = Table(title=Text(title), title_justify="left")
@@ -177,7 +179,7 @@ def _check_own(study: Study) -> None:
 
 
 def _tables(study: Study) -> Iterator[tuple[str, int | None, str]]:
-    """Yield the files of a study with their rows, and how many specimens were read."""
+    """Yield the files of a study with their rows and number of specimens."""
     for name, table in TABLES.items():
         frame = study.given(name)
         read = study.table(name) is not None and frame is None
@@ -186,4 +188,4 @@ def _tables(study: Study) -> Iterator[tuple[str, int | None, str]]:
             counts = [f"{frame[column].nunique()} {_LABELLED[column]}" for column in labels]
             yield table.file, len(frame), ", ".join(counts)
         elif not read and table.cost_in(degrades=study.degrades):
-            yield table.file, None, "not there"
+            yield table.file, None, "missing"

@@ -124,7 +124,7 @@ def _settings(
     beyond: bool,
     quiet: bool,
 ) -> list[Setting]:
-    """Find the settings, and show how far that is."""
+    """Find the settings, and show progress."""
     with shown(quiet) as progress:
         return forecast.settings(
             *(stored, levels, wanted),
@@ -166,7 +166,7 @@ def _show(stored: Posterior, found: list[Setting]) -> None:
 
 
 def _interval(low: float, high: float, style: str) -> str:
-    """Word an interval, an end of which may be out of reach."""
+    """Format an interval whose ends may be out of reach."""
     ends = dict.fromkeys((_end(low, style), _end(high, style)))
     return " to ".join(ends)
 
@@ -187,7 +187,7 @@ def _of_own(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Find the input for a reading with a forward map of one's own."""
+    """Find the input for a reading of a user's forward map."""
     stored = own_forecast.read_own(report, base=base)
     block = own_forecast.own_map(stored).readings[0]
     if not reading:
@@ -197,7 +197,9 @@ def _of_own(
     several = [name for name, column in at.items() if len(np.unique(column)) > 1]
     if several != list(at)[:1]:
         first = next(iter(at))
-        raise typer.BadParameter(f"give a range of --x {first}, and one value of other inputs")
+        raise typer.BadParameter(
+            f"give a range for --x {first}, and one value for each other input"
+        )
     out = None if out is None else output_file(out)
     table = own_forecast.control(stored, wanted, at, seed_of(stored, seed))
     units = {"wanted": block.unit, "reached": "", "share": ""}

@@ -33,7 +33,7 @@ def emulate(
 ) -> None:
     """Do what `interface.emulate` says."""
     if not timeout > 0.0:
-        raise typer.BadParameter(f"{timeout:g} s is no time to solve anything; give more than 0")
+        raise typer.BadParameter(f"--timeout {timeout:g} s is out of range; give more than 0")
     settings = _settings(geometry)
     _refuse_uncertain(settings)
     actuator = geometry_of_study(settings)
@@ -47,11 +47,11 @@ def emulate(
 
 
 def _refuse_uncertain(settings: Settings) -> None:
-    """Refuse dimensions that are priors, over whose range a whole-range emulator does not go."""
+    """Refuse dimensions given as priors, whose range an emulator of the whole range lacks."""
     for one in settings.uncertain[:1]:
         raise BayesdegError(
-            f"{one.name} is a prior, and emulators of the whole range are of dimensions that are "
-            "known; 'bayesdeg run STUDY' trains one for the study"
+            f"{one.name} is a prior, but an emulator of the whole range needs known dimensions; "
+            "'bayesdeg run STUDY' trains one for the study"
         )
 
 
@@ -69,6 +69,6 @@ def _settings(path: Path | None) -> Settings:
     if faults:
         raise StudyError([replace(fault, file=str(file)) for fault in faults])
     if not path.is_dir() and "actuator" not in tomllib.loads(content.decode("utf-8-sig")):
-        remedy = "write [actuator] and below it the dimensions that differ, such as length = 60.0"
+        remedy = "add [actuator] and, below it, the dimensions that differ, such as length = 60.0"
         raise StudyError([Fault(str(file), "has no [actuator] table", remedy)])
     return settings

@@ -20,8 +20,8 @@ def init(folder: Path) -> None:
     ):
         errors.print(f"  {does}: {command}", soft_wrap=True)
     errors.print(
-        "then replace its CSV files by your own (delete those that you have no data for), and the "
-        "lines 'virtual' and 'note' of study.toml",
+        "then replace its CSV files with your own (delete those for which you have no data) and "
+        "remove the lines 'virtual' and 'note' from study.toml",
         soft_wrap=True,
     )
 
@@ -32,7 +32,7 @@ def write_starter(folder: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     folder : Path
-        It is made if it is not there.
+        Created if it does not exist.
 
     Returns
     -------
@@ -42,18 +42,18 @@ def write_starter(folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     BayesdegError
-        If the folder holds files, is none, or cannot be written to.
+        If it holds files, is not a folder, or cannot be written to.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            what = "holds files already" if folder.is_dir() else "is a file"
-            raise BayesdegError(f"{folder} {what}; name a folder that is not there yet")
+            what = "already holds files" if folder.is_dir() else "is a file"
+            raise BayesdegError(f"{folder} {what}; name a new folder")
         folder.mkdir(parents=True, exist_ok=True)
-        # in binary: line ends stay as they are
+        # in binary, to keep line ends
         return tuple(
             Path(shutil.copyfile(file, folder / file.name)) for file in sorted(STARTER.iterdir())
         )
     except OSError as fault:
         raise BayesdegError(
-            f"{folder} cannot be written to ({reason(fault)}); name another folder"
+            f"{folder} cannot be written to ({reason(fault)}); name a different folder"
         ) from fault

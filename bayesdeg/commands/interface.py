@@ -1,7 +1,7 @@
-"""What every command takes and says; what it does is imported when it is called, and no sooner.
+"""Signatures and help texts of the commands; their work is imported only when it is called.
 
-The work of a command needs numba, scipy and more, which take seconds to import. Its help, the
-completion of its options and the refusal of a wrong one need none of it.
+Running a command needs numba, scipy and more, which take seconds to import. Help, completion and
+the refusal of a wrong option need none of them.
 """
 
 import functools
@@ -18,19 +18,19 @@ from bayesdeg.prediction.conditions import PROMPT
 
 @dataclass(frozen=True)
 class Command:
-    """A command: what it takes, and what its help ends with.
+    """A command: its signature and the examples of its help.
 
     Parameters
     ----------
     name : str
-        On the command line, and of the module in ``bayesdeg.commands`` that does the work.
+        Its name on the command line, and of the module in ``bayesdeg.commands`` that does the work.
     signature : callable
-        Its parameters are the arguments and options, its docstring the help, whose first paragraph
-        the list of commands shows. A function of that name in the module does the work.
+        Its parameters are the arguments and options, its docstring the help; the list of commands
+        shows the first paragraph. A function of that name in the module does the work.
     examples : tuple of str
-        Command lines that the help ends with.
+        Command lines at the end of the help.
     output : tuple of str
-        Lines that the last of them prints.
+        Output of the last example.
     """
 
     name: str
@@ -40,20 +40,20 @@ class Command:
 
     @property
     def epilog(self) -> str:
-        """What the help of the command ends with; rich keeps lines apart by an empty one."""
+        """The end of the help; rich needs an empty line between lines."""
         prints = ["which prints:", *(f"`{line}`" for line in self.output)] if self.output else []
         return "\n\n".join(["For example:", *(f"`{line}`" for line in self.examples), *prints])
 
     @property
     def work(self) -> Callable[..., None]:
-        """What does the work, imported with all that it needs."""
+        """The function that does the work, imported with its dependencies."""
         module = importlib.import_module(f"bayesdeg.commands.{self.name}")
         found: Callable[..., None] = getattr(module, self.signature.__name__)
         return found
 
     @property
     def call(self) -> Callable[..., None]:
-        """What the command line calls: it looks like the signature, and does the work."""
+        """The callable for the command line: the signature of the command, and its work."""
 
         @functools.wraps(self.signature)
         def call(**given: Any) -> None:
@@ -63,10 +63,10 @@ class Command:
 
 
 def init(folder: options.NewFolder) -> None:
-    """Write a commented study with example data, ready to be run and to be filled with your own.
+    """Write a commented study with example data, ready to run and to replace with your own.
 
-    Every key of study.toml is explained. The data are those of a virtual experiment, and the study
-    says so.
+    Every key of study.toml is explained. The data come from a virtual experiment, as the study
+    states.
     """
 
 
@@ -87,22 +87,21 @@ def run(
 ) -> None:
     """Calibrate, criticise, name the cause, measure the gain, predict, and write the report.
 
-    An interrupted run goes on where it stopped. If there is no emulator of the geometry, one is
-    trained first; in a terminal, and without --yes, the command says how long that takes and asks
+    An interrupted run continues where it stopped. If there is no emulator for the geometry, one is
+    trained first; on a terminal, without --yes, the command says how long that takes and asks
     before it starts. Finite element solutions are kept in .cache/campaign, emulators in
-    .cache/emulators. With --refine it is corrected by 16 to 32 fine curves where the study's
-    posterior lies, until its own error, as curves left out tell it, moves no posterior mean
-    by more than 0.1 standard deviations; how far that is reached stands in run.json and in the
-    report.
+    .cache/emulators. With --refine the emulator is corrected by 16 to 32 fine-mesh curves in the
+    study's posterior region, until its error, estimated from held-out curves, shifts no posterior
+    mean by more than 0.1 standard deviations; run.json and the report say how far this was
+    achieved.
     """
 
 
 def check(study: options.StudyFolder) -> None:
     """Read and check the data only; exit code 2 and the list of faults if there are any.
 
-    Columns are compared with each other, with the priors and with what is possible. What is
-    impossible is a fault; what is unlikely, such as one specimen in another unit, is reported as
-    in doubt.
+    Columns are checked against each other, the priors and physical limits. Impossible values are
+    faults; unlikely ones, such as one specimen in a different unit, are reported as in doubt.
     """
 
 
@@ -124,12 +123,12 @@ def simulate(
     workers: options.Workers = options.CORES,
     quiet: options.Quiet = False,
 ) -> None:
-    """Make a virtual experiment with the study's design, from a fine finite element model.
+    """Simulate a virtual experiment with the study's design on a fine finite element model.
 
-    It has the files of data that the study has; of published statistics alone, all of them. The
-    curves take about half a minute each. Volumes of the cavity and blocked tip forces
-    (force.csv) are read where the study has them; a force takes a curve more. What was hidden is
-    written to truth.json, which no other command opens.
+    It has the data files of the study, or all of them if the study has only published statistics.
+    Each curve takes about half a minute. Cavity volumes and blocked tip forces (force.csv) are
+    simulated if the study has them; a force takes one more curve. The hidden effects are written
+    to truth.json, which no other command opens.
     """
 
 
@@ -146,10 +145,11 @@ def emulate(
 ) -> None:
     """Train an emulator on finite element curves of a geometry.
 
-    A factorization on each mesh is timed first, to say how long all curves take; in a terminal,
-    and without --yes, the command then asks whether to go on. Every solution is kept: stopped at
-    any moment, the same command goes on where it was. At the end tables say how the curves ended
-    and how accurate the emulator is; the parameters of failed curves are written to a file.
+    One factorization on each mesh is timed first to estimate the total time; on a terminal,
+    without --yes, the command then asks whether to continue. Every solution is kept: after an
+    interruption the same command continues where it stopped. Tables at the end show how the
+    curves ended and how accurate the emulator is; the parameters of failed curves are written to
+    a file.
     """
 
 
@@ -176,13 +176,13 @@ def predict(
 ) -> None:
     """Predict curvature and rupture of a new specimen from the posterior of a finished run.
 
-    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens, without reading noise; by
-    default on a prompt first loading in a horizontal mount. --hold-s, --cycle, --branch,
-    --humidity, --temperature and --mount move predictions by the causes that the run named; what no
-    cause answers to is said. The probability of rupture up to a pressure has its 90 % interval;
-    what is less than one in the films broken and actuators loaded is no number. Cells are empty
-    where most specimens are beyond the range of the emulator. Of a forward map of one's own give
-    --x NAME=VALUES for each of its inputs.
+    Curvatures are 5, 25, 50, 75 and 95 % quantiles over new specimens, without reading noise, by
+    default for a prompt first loading in a horizontal mount. --hold-s, --cycle, --branch,
+    --humidity, --temperature and --mount act through the causes that the run named; an option
+    without effect is reported. The probability of rupture up to a pressure has a 90 % interval;
+    one below 1 in the number of films broken and actuators loaded is shown as that bound. Cells
+    are empty where most specimens are outside the emulator's range. For your own forward map,
+    give --x NAME=VALUES for each input.
     """
 
 
@@ -212,18 +212,18 @@ def control(
 ) -> None:
     """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
 
-    The pressure is that at which half of new specimens bend as far or further. The table also gives
-    the pressures that 90 % of the specimens need, the curvature at the pressure, and the
-    probability of rupture. A specimen for which the emulator has no answer counts as burst: it
-    balloons, or nothing is known of it. If the wanted curvature cannot be reached at this risk, the
-    largest allowed pressure is given, with the curvature there; the exit code is 0 too. By default
-    it is for a prompt first loading in a horizontal mount; --hold-s, --cycle, --branch, --humidity,
-    --temperature and --mount act by the causes that the run named. Whatever the risk, no pressure
-    is allowed above the largest that was tested, nor above what actuators survived that burst at or
-    near the degradation rate, unless --beyond is given.
+    At the pressure found, half of new specimens bend as far or further. The table also gives the
+    pressures that 90 % of the specimens need, the curvature at the pressure, and the probability
+    of rupture. A specimen outside the emulator's range counts as burst: it balloons, or nothing
+    is known about it. If the wanted curvature cannot be reached at this risk, the largest allowed
+    pressure is given with the curvature there, also with exit code 0. The default is a prompt
+    first loading in a horizontal mount; --hold-s, --cycle, --branch, --humidity, --temperature and
+    --mount act through the causes that the run named. Whatever the risk, no pressure is allowed
+    above the largest that was tested, nor above what actuators survived that burst at or near
+    the degradation rate, unless --beyond is given.
 
-    For a forward map of your own, give --reading, and with --x the inputs to try: for the first
-    input, the range in which to look. Nothing is known of rupture there, so no risk is bounded.
+    For your own forward map, give --reading, and with --x the inputs to try: a search range for
+    the first input. Rupture is unknown there, so no risk is bounded.
     """
 
 
@@ -248,15 +248,15 @@ def lifetime(
     as_json: options.AsJson = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Say how long an actuator in the soil does its duty, and which pressure keeps its curvature.
+    """Predict the service life of an actuator in the soil, and the pressure for its curvature.
 
-    An actuator fails when it bursts at the pressure of the duty or bends less than asked. The table
-    gives, by hours in the soil, degradation rate, curvature at that pressure, the probability of
-    having burst and of having failed by then with its 90 % interval, the pressures that keep the
-    curvature of 90 % of new actuators, the largest pressure that --risk and the tests allow, and
-    the share of actuators that reach the curvature with it. A probability of less than one in the
-    films broken and actuators loaded is no number. Times are those up to the last film that was
-    taken out of the soil; give others with --hours.
+    An actuator fails when it bursts at the given pressure or bends less than asked. For each time
+    in the soil, the table gives the degradation rate, the curvature at that pressure, the
+    probability of having burst and of having failed by then with its 90 % interval, the pressures
+    that keep the curvature of 90 % of new actuators, the largest pressure that --risk and the
+    tests allow, and the share of actuators that reach the curvature with it. A probability below
+    1 in the number of films broken and actuators loaded is shown as that bound. Times extend to
+    the last film taken out of the soil; give others with --hours.
     """
 
 
@@ -265,9 +265,9 @@ def next_experiment(
 ) -> None:
     """Rank further experiments by how well they would tell the causes still in question apart.
 
-    The expected log Bayes factor is what an experiment adds on average to the evidence for the
-    true cause, whichever of the two it is: 3 are odds of 20 to 1. The ranking is that of the run;
-    nothing is computed. The exit code is 0 too where there is nothing to tell apart.
+    The expected log Bayes factor is the average evidence that an experiment adds for the true
+    cause, whichever of the two it is: 3 means odds of 20 to 1. The ranking was computed by the
+    run. The exit code is also 0 if there is nothing to tell apart.
     """
 
 
@@ -280,14 +280,14 @@ def update(
     as_json: options.AsJson = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Let further readings of actuators enter a finished run, in seconds.
+    """Add further actuator readings to a finished run, in seconds.
 
-    The rows are of new specimens, or further readings of earlier ones. Draws of the run's posterior
-    are weighed by what they say; where too few draws carry the weight, a law is fitted to these and
-    drawn from with all readings. Posteriors, curvature bands, ruptures, decisions, the life in the
-    soil and shares of all readings go to a new run folder, the run stays as it is. The verdict is
-    not judged again: for that, add the rows to the study and run it. The study must be where it was
-    for the run.
+    The rows are of new specimens, or further readings of earlier ones. They reweight the draws of
+    the run's posterior; if too few draws carry the weight, a distribution is fitted to these and
+    sampled with all readings. Posteriors, curvature bands, ruptures, decisions, the life in the
+    soil and shares from all readings go to a new run folder; the run is not changed. The verdict
+    is not updated: for that, add the rows to the study and run it. The study must still be where
+    it was for the run.
     """
 
 
@@ -297,12 +297,12 @@ def score_answers(
     out: options.ScoreTarget = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Score what a method says of hidden effects against the truths, with 95 % intervals.
+    """Score the answers of a method on hidden effects against the truths, with 95 % intervals.
 
-    Methods are ranked by the credit: 1 where what is said is what is hidden, and where a set of
-    causes is said, 1 over its members, so that naming everything wins nothing. Nothing hidden asks
-    for adequate, an effect that no cause of the catalogue is for unexplained. Every study must be
-    answered. The matrix has a row for each thing hidden and a column for each thing said.
+    Methods are ranked by credit: 1 for the correct answer, and 1/n for a set of n causes that
+    contains it, so naming everything gains nothing. The correct answer is adequate if nothing is
+    hidden, and unexplained if the effect is not in the catalogue. Every study must be answered.
+    The matrix has a row for each hidden effect and a column for each answer.
     """
 
 
@@ -321,11 +321,11 @@ def trace_photographs(
     page: options.PageOf = None,
     port: options.Port = None,
 ) -> None:
-    """Trace the bottom line of actuators in photographs, and write points with their errors.
+    """Trace the bottom line of actuators in photographs and write its points with their errors.
 
-    Writes markers.csv, traces.csv (angle and curvature), points.csv (the points in pixels, to be
-    corrected) and a picture with the line of every photograph. A checkerboard or ruler must lie in
-    the plane of the side that is traced. What cannot be read is said, and left out.
+    Writes markers.csv, traces.csv (angle and curvature), points.csv (the points in pixels, for
+    corrections) and a picture with the line for every photograph. A checkerboard or ruler must lie
+    in the plane of the traced side. Photographs that cannot be read are reported and left out.
     """
 
 

@@ -1,4 +1,4 @@
-"""``bayesdeg lifetime``: how long an actuator in the soil does its duty, from a finished run."""
+"""``bayesdeg lifetime``: service life of an actuator in the soil, from a finished run."""
 
 from pathlib import Path
 
@@ -75,7 +75,7 @@ def lifetime(
 ) -> None:
     """Do what `interface.lifetime` says."""
     if own_forecast.is_own(report):
-        raise typer.BadParameter("a study with a forward map of its own has no life in the soil")
+        raise typer.BadParameter("a study with its own forward map has no lifetime in the soil")
     duty, times = _duty(pressure, curvature, risk), _times(hours)
     service = ServiceConditions(hold_s, cycle, branch, humidity, mount, temperature_c=temperature)
     out = None if out is None else output_file(out)
@@ -91,7 +91,7 @@ def lifetime(
         )
     table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
     messages = (str(summary), *said_of_life(stored, soil, life, duty, service, beyond=beyond))
-    # the table is followed by what it comes to; JSON has that among its messages
+    # a summary follows the table; in JSON it is among the messages
     said = messages if as_json else messages[1:]
     if not delivered(
         *(stored, table, said, UNITS), out=out, quiet=quiet, as_json=as_json, summary=summary.facts
@@ -102,20 +102,22 @@ def lifetime(
 def _duty(pressure: float, curvature: float, risk: float) -> Duty:
     for value, option, unit in ((pressure, "--pressure", "kPa"), (curvature, "--curvature", "1/m")):
         if not (np.isfinite(value) and value > 0.0):
-            raise typer.BadParameter(f"{option} {value:g} {unit} is no duty; give a number above 0")
+            raise typer.BadParameter(
+                f"{option} {value:g} {unit} must be positive; give a number above 0"
+            )
     refuse_risk(risk)
     return Duty(pressure, curvature, risk)
 
 
 def _times(hours: list[str] | None) -> Floats | None:
-    """Return the times that are asked for [h]; None where those of the films are meant."""
+    """Return the requested times [h]; None for those of the films."""
     if not hours:
         return None
     times = numbers(hours, "--hours", "h", low=0.0, high=np.inf)
     if len(times) == 1:
         raise typer.BadParameter(
-            f"--hours {times[0]:g} is a single time, and a life has a course; give a range such as "
-            f"0:{max(times[0], 1.0):g}:1"
+            f"--hours {times[0]:g} is a single time, but a lifetime needs several; give a range "
+            f"such as 0:{max(times[0], 1.0):g}:1"
         )
     refuse_too_many(times, most=MOST_TIMES)
     return times

@@ -38,7 +38,7 @@ class Proposals(FileRecord):
     virtual: bool
     outcome: Outcome
     causes: Names
-    messages: Names = Field(description="what its user should know")
+    messages: Names = Field(description="warnings and notes")
     next_experiments: tuple[ExperimentEntry, ...]
 
 
@@ -47,7 +47,7 @@ def next_experiment(report: Path, as_json: bool, quiet: bool) -> None:
     folder = RunFolder(report)
     if not folder.path.is_dir():
         raise BayesdegError(
-            f"{report}: there is no such folder; name a run folder, such as reports/NAME, that "
+            f"{report}: no such folder; name a run folder, such as reports/NAME, that "
             "`bayesdeg run` has written"
         )
     run, verdict = folder.read_run(), folder.read_verdict()
@@ -66,7 +66,7 @@ def next_experiment(report: Path, as_json: bool, quiet: bool) -> None:
 
 
 def odds(expected: float | None) -> str:
-    """Word odds of e to the power of a log Bayes factor.
+    """Format the odds that correspond to a log Bayes factor.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def _explained(verdict: VerdictRecord, *, degrades: bool) -> Iterator[str]:
 
 
 def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:
-    """Say which pairs of causes are left in question by every experiment."""
+    """Say which pairs of causes no experiment is expected to tell apart."""
     best: dict[tuple[str, ...], float] = {}
     for proposal in proposals:
         for pair in proposal.pairs:
@@ -116,7 +116,7 @@ def _give(run: RunRecord, verdict: VerdictRecord, messages: Sequence[str]) -> No
 def _table(run: RunRecord, verdict: VerdictRecord) -> Table:
     virtual = "; virtual experiment" if run.virtual else ""
     title = f"{run.title}\nnext experiments, the best first (verdict: {verdict.outcome}{virtual})"
-    # as Text, lest brackets be taken for markup
+    # as Text, or brackets would be read as markup
     table = Table(title=Text(title), title_justify="left", show_lines=True)
     for number, heading in enumerate(HEADINGS):
         table.add_column(Text(heading), justify="left" if number < 2 else "right")

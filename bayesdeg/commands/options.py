@@ -1,6 +1,6 @@
 """Arguments and options of the commands: type, help and bounds.
 
-Nothing is imported here that takes long: see `bayesdeg.commands.interface`.
+Only fast imports here: see `bayesdeg.commands.interface`.
 """
 
 import os
@@ -21,50 +21,52 @@ StudyFolder = Annotated[
 ]
 Seed = Annotated[
     int | None,
-    typer.Option(help="Instead of the study's own seed.", min=0, max=LARGEST_SEED),
+    typer.Option(help="Seed, instead of the study's own.", min=0, max=LARGEST_SEED),
 ]
 Workers = Annotated[
     int,
     typer.Option(
-        help="Processes on this machine, at most one for each core; the results do not depend on "
-        "it.",
+        help="Processes on this machine, at most one per core; results do not depend on it.",
         min=1,
     ),
 ]
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        help="Dask scheduler whose workers are taken instead, such as tcp://127.0.0.1:8786; "
+        help="Dask scheduler whose workers are used instead, such as tcp://127.0.0.1:8786; "
         "needs bayesdeg[cluster].",
         metavar="ADDRESS",
     ),
 ]
 Yes = Annotated[
-    bool, typer.Option("--yes", "-y", help="Train an emulator without asking, however long.")
+    bool,
+    typer.Option("--yes", "-y", help="Train an emulator without asking, however long it takes."),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but the result.")]
 
 # ---- of run
 
-EffortOfRun = Annotated[Effort | None, typer.Option(help="Instead of the study's own effort.")]
+EffortOfRun = Annotated[
+    Effort | None, typer.Option(help="Sampling effort, instead of the study's own.")
+]
 OtherEmulator = Annotated[
     Path | None,
     typer.Option(
-        help="An emulator made by 'emulate', instead of those found by themselves.", metavar="FILE"
+        help="Emulator made by 'emulate', instead of the one found automatically.", metavar="FILE"
     ),
 ]
 Refine = Annotated[
     bool,
     typer.Option(
-        "--refine", help="Correct the emulator by fine curves where the posterior lies, first."
+        "--refine", help="First correct the emulator by fine-mesh curves in the posterior region."
     ),
 ]
 Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Calibrate again, resume nothing; emulators are kept.")
+    bool, typer.Option("--fresh", help="Start again instead of resuming; emulators are kept.")
 ]
 RunTarget = Annotated[
     Path | None,
-    typer.Option(help="Run folder; by default reports/NAME, with the name of the study."),
+    typer.Option(help="Run folder; by default reports/NAME, NAME being that of the study."),
 ]
 VerdictAsJson = Annotated[bool, typer.Option("--json", help="Print verdict.json last.")]
 
@@ -74,21 +76,23 @@ Hidden = Annotated[
     list[str] | None,
     typer.Option(help="An effect to hide, NAME=VALUE or NAME.PARAMETER=VALUE; may be repeated."),
 ]
-Drawn = Annotated[bool, typer.Option("--draw-material", help="Draw the material at random.")]
+Drawn = Annotated[
+    bool, typer.Option("--draw-material", help="Draw the material parameters at random.")
+]
 Assembled = Annotated[
     Backend,
     typer.Option(
-        help="What assembles the finite elements: compiled kernels, or scikit-fem's forms, which "
-        "say the same equations in plain sight, to check the kernels by. The readings are the "
-        "same, and assembly takes forty times as long: for checks, not for whole studies."
+        help="Finite element assembly: compiled kernels, or scikit-fem forms that state the same "
+        "equations readably, to check the kernels. The readings are the same, but assembly is "
+        "forty times slower: for checks, not for whole studies."
     ),
 ]
 Trained = Annotated[
     Backend,
     typer.Option(
-        help="What assembles the finite elements that an emulator is trained on. With scikit-fem "
-        "one is trained even where one ships, to check the kernels by: assembly takes forty times "
-        "as long; derivatives by the inputs remain those of the kernels."
+        help="Finite element assembly for training an emulator. With scikit-fem one is trained "
+        "even if one ships, to check the kernels: assembly is forty times slower; derivatives with "
+        "respect to the inputs still come from the kernels."
     ),
 ]
 VirtualTarget = Annotated[Path, typer.Option(help="Folder for the virtual study.")]
@@ -98,7 +102,7 @@ VirtualTarget = Annotated[Path, typer.Option(help="Folder for the virtual study.
 GeometryFile = Annotated[
     Path | None,
     typer.Argument(
-        help="A study folder, or a TOML file with an [actuator] table (lengths in mm); by default "
+        help="Study folder, or TOML file with an [actuator] table (lengths in mm); by default "
         "the geometry of the paper.",
         metavar="GEOMETRY",
     ),
@@ -107,22 +111,22 @@ EmulatorTarget = Annotated[
     Path | None,
     typer.Option(
         help="File for the trained emulator; by default one in .cache/emulators, where "
-        "'bayesdeg run' finds it. Another file is given to 'bayesdeg run' with --emulator.",
+        "'bayesdeg run' finds it. Elsewhere, give it to 'bayesdeg run' with --emulator.",
         metavar="FILE",
     ),
 ]
 Store = Annotated[
     Path,
     typer.Option(
-        help="Folder of finite element solutions, to go on from; several campaigns may share it.",
+        help="Folder of finite element solutions to resume from; several campaigns may share it.",
         metavar="FOLDER",
     ),
 ]
 Timeout = Annotated[
     float,
     typer.Option(
-        help="Time after which a finite element run is given up, counted from its start; it is "
-        "then listed as failed, and tried again only if more time is allowed.",
+        help="Time limit of each finite element run; one that exceeds it is listed as failed and "
+        "tried again only with a longer limit.",
         metavar="SECONDS",
         show_default="none",
     ),
@@ -131,14 +135,14 @@ Timeout = Annotated[
 # ---- of all that ask a finished run
 
 RunFolderPath = Annotated[
-    Path, typer.Argument(help="A run folder that 'bayesdeg run' has written.", metavar="REPORT")
+    Path, typer.Argument(help="Run folder written by 'bayesdeg run'.", metavar="REPORT")
 ]
 MaybeRates = Annotated[
     list[str] | None,
     typer.Option(
         "--degradation",
-        help="Degradation rates in percent, known but for --degradation-sd: 10, or 0,10,25, or a "
-        "range 0:25:5 (its end included); may be repeated. Not needed where nothing degrades.",
+        help="Degradation rates in percent, with standard error --degradation-sd: 10, or 0,10,25, "
+        "or a range 0:25:5 (end included); may be repeated. Not needed if nothing degrades.",
         metavar="PERCENT",
     ),
 ]
@@ -146,8 +150,8 @@ Hours = Annotated[
     list[str] | None,
     typer.Option(
         "--hours",
-        help="Instead of --degradation: hours in the soil, from which the degradation rate follows "
-        "by the films' moisture, with its uncertainty; lists and ranges as for --degradation.",
+        help="Instead of --degradation: hours in the soil, converted to a degradation rate with "
+        "the films' moisture and its uncertainty; lists and ranges as for --degradation.",
         metavar="H",
     ),
 ]
@@ -155,37 +159,37 @@ Hold = Annotated[
     float,
     typer.Option(
         "--hold-s",
-        help="How long the pressure has been held, and the actuator in the room, when it is read, "
-        "in seconds.",
+        help="Time for which the pressure has been held, and the actuator has been in the room, "
+        "before the reading, in seconds.",
         metavar="S",
     ),
 ]
 Cycle = Annotated[
     int,
     typer.Option(
-        help="Loading cycle, from 1; earlier ones went to the largest pressure that was tested.",
+        help="Loading cycle, from 1; earlier cycles reached the largest pressure that was tested.",
         metavar="N",
     ),
 ]
 Branch = Annotated[
     str,
     typer.Option(
-        help="loading, or unloading: down from the largest pressure that was tested.",
+        help="loading, or unloading from the largest pressure that was tested.",
         metavar="BRANCH",
     ),
 ]
 Humidity = Annotated[
     float | None,
     typer.Option(
-        help="Relative humidity of the room in percent: of curvature it acts over the time of "
-        "--hold-s, of rupture at once.",
+        help="Relative humidity of the room in percent; it acts on curvature over the time of "
+        "--hold-s, on rupture at once.",
         metavar="PERCENT",
     ),
 ]
 Temperature = Annotated[
     float | None,
     typer.Option(
-        help="Of the room in degrees Celsius; by default that of tests without one.",
+        help="Room temperature in degrees Celsius; by default that of tests without one.",
         metavar="CELSIUS",
     ),
 ]
@@ -197,13 +201,13 @@ DegradationSd = Annotated[
     float,
     typer.Option(
         "--degradation-sd",
-        help="Standard error of the degradation rate of the actuator, in points of percent.",
+        help="Standard error of the degradation rate of the actuator, in percentage points.",
         metavar="POINTS",
     ),
 ]
 Risk = Annotated[
     float,
-    typer.Option(help="Largest probability of rupture that is accepted.", metavar="PROBABILITY"),
+    typer.Option(help="Largest acceptable probability of rupture.", metavar="PROBABILITY"),
 ]
 Beyond = Annotated[
     bool,
@@ -220,34 +224,34 @@ OneCause = Annotated[
     str | None,
     typer.Option(
         "--cause",
-        help="Of causes that the run could not tell apart, the one to predict with; by default "
-        "predictions are averaged over them by their probabilities.",
+        help="Cause to predict with, of those that the run could not tell apart; by default "
+        "predictions are averaged over them, weighted by probability.",
         metavar="NAME",
     ),
 ]
 SameEmulator = Annotated[
     Path | None,
     typer.Option(
-        help="The emulator that 'bayesdeg run' was given; not needed for the package's own, nor "
-        "for those trained in this folder.",
+        help="Emulator that 'bayesdeg run' was given; not needed for one that ships with the "
+        "package or was trained in this folder.",
         metavar="FILE",
     ),
 ]
 SeedOfAnswer = Annotated[
     int | None,
-    typer.Option(help="Instead of the seed of the run.", min=0, max=LARGEST_SEED),
+    typer.Option(help="Seed, instead of that of the run.", min=0, max=LARGEST_SEED),
 ]
 OutFile = Annotated[Path | None, typer.Option(help="Also write a CSV file.", metavar="FILE")]
 Inputs = Annotated[
     list[str] | None,
     typer.Option(
         "--x",
-        help="Of a forward map of one's own: an input, NAME=VALUES, with numbers, lists and ranges "
-        "as for --degradation; may be repeated for other inputs.",
+        help="Input of your own forward map, NAME=VALUES, with numbers, lists and ranges as for "
+        "--degradation; may be repeated for other inputs.",
         metavar="NAME=VALUES",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON, nothing else.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only the result, as JSON.")]
 
 # ---- of predict, control, lifetime and update
 
@@ -256,7 +260,7 @@ Pressures = Annotated[
     typer.Option(
         "--pressure",
         help="Gauge pressures in kPa, as read by the sensor: 100, or 50,100, or a range 0:240:20 "
-        "(its end included); may be repeated.",
+        "(end included); may be repeated.",
         metavar="KPA",
     ),
 ]
@@ -273,16 +277,16 @@ Readings = Annotated[
     list[str] | None,
     typer.Option(
         "--reading",
-        help="Of a forward map of one's own: wanted readings in their unit, as for --degradation.",
+        help="Wanted readings of your own forward map, in their unit; as for --degradation.",
         metavar="VALUES",
     ),
 ]
 DutyPressure = Annotated[
-    float, typer.Option(help="Gauge pressure of the duty in kPa.", metavar="KPA")
+    float, typer.Option(help="Gauge pressure in service, in kPa.", metavar="KPA")
 ]
 DutyCurvature = Annotated[
     float,
-    typer.Option(help="Curvature in 1/m that the duty asks for, above 0.", metavar="PER_M"),
+    typer.Option(help="Curvature required in service, in 1/m, above 0.", metavar="PER_M"),
 ]
 NewRows = Annotated[
     Path,
@@ -294,7 +298,7 @@ NewRows = Annotated[
 ]
 UpdateTarget = Annotated[
     Path | None,
-    typer.Option(help="The new run folder; by default beside REPORT, its name with _updated."),
+    typer.Option(help="New run folder; by default REPORT with _updated appended to its name."),
 ]
 
 # ---- of score
@@ -302,13 +306,13 @@ UpdateTarget = Annotated[
 Answers = Annotated[
     Path,
     typer.Argument(
-        help="What a method says: a CSV file with study, outcome, causes (a|b;c is a or b, and c) "
-        "and, if it gives them, p_value, sizes and probabilities; the same as JSON lines; or a "
-        "folder of run folders, named as the studies.",
+        help="Answers of a method: a CSV file with study, outcome, causes (a|b;c is a or b, and c) "
+        "and optionally p_value, sizes and probabilities; the same as JSON lines; or a "
+        "folder of run folders named like the studies.",
         metavar="ANSWERS",
     ),
 ]
-Truths = Annotated[Path, typer.Argument(help="What is hidden, as JSON lines.", metavar="TRUTHS")]
+Truths = Annotated[Path, typer.Argument(help="Hidden effects, as JSON lines.", metavar="TRUTHS")]
 ScoreTarget = Annotated[
     Path | None,
     typer.Option(
@@ -320,41 +324,48 @@ ScoreTarget = Annotated[
 # ---- of trace
 
 Photos = Annotated[list[Path] | None, typer.Argument(help="Photographs.", metavar="PHOTO…")]
-TraceTarget = Annotated[Path | None, typer.Option(help="Where markers.csv goes.", metavar="FOLDER")]
+TraceTarget = Annotated[
+    Path | None, typer.Option(help="Folder for markers.csv and the other files.", metavar="FOLDER")
+]
 PageOf = Annotated[
     Path | None,
     typer.Option(
-        help="Instead of tracing, show what was traced into a folder on a page of this machine, "
-        "where points can be moved and saved.",
+        help="Instead of tracing, show the traces of a folder on a local web page, where points "
+        "can be moved and saved.",
         metavar="FOLDER",
     ),
 ]
 Port = Annotated[
-    int | None, typer.Option(help="Of the page; by default a free one.", min=1024, max=65535)
+    int | None, typer.Option(help="Port of the page; by default a free one.", min=1024, max=65535)
 ]
-Grid = Annotated[str | None, typer.Option(help="Side of a square of a checkerboard.", metavar="MM")]
-Ruler = Annotated[str | None, typer.Option(help="From tick to tick of a ruler.", metavar="MM")]
+Grid = Annotated[
+    str | None, typer.Option(help="Side length of a checkerboard square.", metavar="MM")
+]
+Ruler = Annotated[str | None, typer.Option(help="Distance between ticks of a ruler.", metavar="MM")]
 Length = Annotated[
     str | None,
-    typer.Option(help="Length of the bottom line; with another scale, a check.", metavar="MM"),
+    typer.Option(
+        help="Length of the bottom line; a check if another scale is given.", metavar="MM"
+    ),
 ]
 PixelSize = Annotated[
-    float | None, typer.Option(help="Size of a pixel, seen square on [mm].", metavar="MM/PX")
+    float | None,
+    typer.Option(help="Size of a pixel [mm], for a camera facing the actuator.", metavar="MM/PX"),
 ]
 Hint = Annotated[
     Path | None,
     typer.Option(
-        help="Points near the line from end to end, a CSV file with x_px and y_px, and a "
-        "column file where there are several photographs; ROIs of ImageJ will do, see --line.",
+        help="Points near the line from end to end: a CSV file with x_px and y_px, and a column "
+        "file for several photographs; or ImageJ ROIs, see --line.",
         metavar="FILE",
     ),
 ]
 Line = Annotated[
     Path | None,
     typer.Option(
-        help="The line itself, from the clamp to the tip, where tracing fails or is to be "
-        "corrected: an edited points.csv, a ROI of ImageJ (.roi), or a RoiSet.zip whose ROIs are "
-        "named as the photographs.",
+        help="The line itself, from the clamp to the tip, if tracing fails or needs correction: "
+        "an edited points.csv, an ImageJ ROI (.roi), or a RoiSet.zip whose ROIs are named "
+        "like the photographs.",
         metavar="FILE",
     ),
 ]
@@ -364,14 +375,12 @@ About = Annotated[
         help="photos.csv: file, specimen_id, pressure_kPa, degradation_pct.", metavar="CSV"
     ),
 ]
-ClampSide = Annotated[str | None, typer.Option(help=f"Where the clamp is: {', '.join(SIDES)}.")]
+ClampSide = Annotated[str | None, typer.Option(help=f"Side of the clamp: {', '.join(SIDES)}.")]
 SeedOfTrace = Annotated[
-    int, typer.Option(min=0, max=LARGEST_SEED, help="Of the draws that errors are taken from.")
+    int, typer.Option(min=0, max=LARGEST_SEED, help="Seed of the draws that estimate errors.")
 ]
 
 # ---- of init and report
 
-NewFolder = Annotated[
-    Path, typer.Argument(help="A folder that is not there yet, or empty.", metavar="FOLDER")
-]
+NewFolder = Annotated[Path, typer.Argument(help="A new or empty folder.", metavar="FOLDER")]
 RunFolderOnly = Annotated[Path, typer.Argument(help="A run folder.", metavar="REPORT")]

@@ -120,7 +120,7 @@ def _show(stored: Posterior, table: pd.DataFrame) -> None:
 def _of_own(
     report: Path, x: list[str], *, base: bool, seed: int | None, out: Path | None, as_json: bool
 ) -> None:
-    """Predict with a forward map of one's own."""
+    """Predict with a user's forward map."""
     stored = own_forecast.read_own(report, base=base)
     block = own_forecast.own_map(stored).readings[0]
     at = inputs_of(x, list(block.x))

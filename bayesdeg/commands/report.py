@@ -1,4 +1,4 @@
-"""``bayesdeg report``: the page of a run folder, built again."""
+"""``bayesdeg report``: rebuild the page of a run folder."""
 
 from pathlib import Path
 

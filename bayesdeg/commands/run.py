@@ -52,7 +52,7 @@ def run(
         checked = with_options(read_study(study, progress), effort, seed)
     unlikely, own = _doubts(checked, backend), checked.settings.forward is not None
     target, guard = out or Path("reports") / checked.name, Guard()
-    # functions of a study folder are not known to other processes
+    # other processes do not know the functions of a study folder
     workers, scheduler = (1, None) if own else (workers, scheduler)
     with workplace(workers, scheduler) as executor, run_folder(target, checked) as folder:
         if not quiet:
@@ -81,7 +81,7 @@ def run(
 
 
 def _doubts(study: Study, backend: Backend) -> tuple[Doubt | str, ...]:
-    """Return what is unlikely, and refuse what is impossible before a folder is made."""
+    """Return doubts about the data; refuse impossible data before a folder is made."""
     if study.settings.forward is not None:
         answers = assemble(study).answers
         said = () if answers is None else forward_map_words(answers)
@@ -91,7 +91,7 @@ def _doubts(study: Study, backend: Backend) -> tuple[Doubt | str, ...]:
 
 
 def _notices(document: VerdictRecord) -> Iterator[str]:
-    """Yield what a reader of the verdict should know before it is used."""
+    """Yield warnings to read before the verdict is used."""
     yield from (f"in doubt: {why}" for why in doubts_of(document))
     yield from (f"not used: {one.sentence}" for one in document.unused)
     yield from (f"not converged: {one}" for one in document.not_converged)
@@ -100,7 +100,7 @@ def _notices(document: VerdictRecord) -> Iterator[str]:
 def _say_left_out(guard: Guard, target: Path) -> None:
     if not guard.left_out:
         return
-    errors.print("\nleft out, as it could not be computed:", style="yellow")
+    errors.print("\nleft out because it could not be computed:", style="yellow")
     for one in guard.left_out:
         said = f"  {one.stage}: {one.why}"
         errors.print(said, style="yellow", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""``bayesdeg score``: how well a method says what is hidden in the studies of a data set."""
+"""``bayesdeg score``: how well a method identifies the effects hidden in a set of studies."""
 
 import sys
 from collections.abc import Iterator
@@ -35,18 +35,22 @@ VERDICT = "verdict.json"
 
 
 class StatedVerdict(Record):
-    """What is scored of a ``verdict.json``."""
+    """The scored parts of a ``verdict.json``."""
 
     outcome: Outcome
     causes: Names = ()
     one_of: tuple[Names, ...] = ()
-    sets: tuple[Names, ...] = Field(default=(), description="product of sets, if it is stated")
-    alternatives: tuple[Names, ...] = Field(default=(), description="if they are no such product")
+    sets: tuple[Names, ...] = Field(
+        default=(), description="lists from each of which one cause acts, if any"
+    )
+    alternatives: tuple[Names, ...] = Field(
+        default=(), description="sets of causes, if not combinations from lists"
+    )
     candidates: tuple[CandidateEntry, ...] = ()
     misfit: MisfitEntry = MisfitEntry()
 
     def stated_sets(self) -> Sets:
-        """Return the product of sets; of a run that has none, what its causes come to."""
+        """Return the lists from each of which one cause acts; without any, lists of the causes."""
         if self.sets or self.outcome not in SAYING:
             return self.sets
         if self.outcome is Outcome.AMBIGUOUS:
@@ -54,7 +58,7 @@ class StatedVerdict(Record):
         return (*((cause,) for cause in self.causes), *self.one_of)
 
     def answer(self, study: str) -> HiddenAnswer:
-        """Return it as an answer."""
+        """Return the verdict as an answer."""
         sets = self.stated_sets()
         alternatives = () if self.sets or self.outcome not in SAYING else self.alternatives
         sets = () if alternatives else sets
@@ -98,11 +102,11 @@ def _content(path: Path) -> bytes:
         return read_bytes(path, most_mb=STUDY_MB)
     except OSError as fault:
         problem = f"cannot be read ({reason(fault)})"
-        raise StudyError([Fault(str(path), problem, "name a file that is there")]) from fault
+        raise StudyError([Fault(str(path), problem, "name an existing file")]) from fault
 
 
 def _of_runs(folder: Path) -> Iterator[HiddenAnswer]:
-    """Yield the answers of run folders; all faults are raised together."""
+    """Yield the answers of run folders; raise all faults together."""
     faults: list[Fault] = []
     for run in sorted(path for path in folder.iterdir() if path.is_dir()):
         path = run / VERDICT
@@ -131,7 +135,7 @@ def _write(found: Score, out: Path) -> None:
 
 
 def matrix_table(found: Score) -> pd.DataFrame:
-    """Return the isolability matrix, a row for each cell, with its 95 % interval."""
+    """Return the isolability matrix, one row per cell, with 95 % intervals."""
     return pd.DataFrame(
         {
             "hidden": hidden,
@@ -158,7 +162,7 @@ def _show(found: Score) -> None:
     printed.print(table)
     for line in _besides(found):
         printed.print(line, soft_wrap=True)
-    matrix = Table(title="hidden alone, and what was said", title_justify="left")
+    matrix = Table(title="hidden alone, and the answers", title_justify="left")
     matrix.add_column("hidden")
     matrix.add_column("said", overflow="fold")
     for hidden, row in found.matrix.items():
@@ -173,9 +177,9 @@ def _interval(one: ScoredShare) -> str:
 
 def _besides(found: Score) -> Iterator[str]:
     said = NOTHING if found.causes_said is None else fixed(found.causes_said)
-    yield f"causes said for each hidden one, where right: {said}"
+    yield f"causes stated per hidden cause, if right: {said}"
     if found.sizes is not None:
-        yield f"median width of 90 % intervals over the size: {fixed(found.sizes.relative_width)}"
+        yield f"median width of 90 % intervals over size: {fixed(found.sizes.relative_width)}"
     if found.probabilities is not None:
         own = found.probabilities
         yield f"Brier score: {fixed(own.brier)}; of base rates: {fixed(own.brier_of_base_rates)}"

@@ -74,20 +74,20 @@ def simulate(
         for name, text in made.items():
             if not (name == SETTINGS_FILE and study.resolve() == out.resolve()):
                 write_text(out / name, text)
-        for name in set(VIRTUAL_FILES) - set(made):  # of an experiment that was here before
+        for name in set(VIRTUAL_FILES) - set(made):  # left by an earlier experiment
             (out / name).unlink(missing_ok=True)
         _copy_mesh(template, out)
     output().print(f"wrote a virtual experiment to {out}", soft_wrap=True)
 
 
 def _filed(template: Study, made: VirtualExperiment) -> VirtualExperiment:
-    """Leave out tables that a study does not have, unless it has none, as of statistics alone."""
+    """Drop tables that the study lacks, unless it has only published statistics."""
     there = {name: one for name, one in made.tables.items() if template.table(name) is not None}
     return replace(made, tables=there or made.tables)
 
 
 def _truth(template: Study, generator: np.random.Generator | None) -> Truth:
-    """Return what is true of the specimens; material and dimensions drawn if there is a source."""
+    """Return the true specimens; with a random source, draw material and dimensions."""
     truth = Truth() if generator is None else drawn_truth(generator)
     sizes = _sizes(template, generator)
     thickness = template.settings.paper_thickness_mm
@@ -98,7 +98,7 @@ def _truth(template: Study, generator: np.random.Generator | None) -> Truth:
 
 
 def _sizes(template: Study, generator: np.random.Generator | None) -> dict[str, float]:
-    """Return the dimensions that are priors: drawn from their laws, or at their medians [mm]."""
+    """Return the dimensions given as priors, drawn or at their medians [mm]."""
     return {
         one.name: one.median if generator is None else float(one.prior.sample(generator))
         for one in template.settings.uncertain
@@ -106,39 +106,39 @@ def _sizes(template: Study, generator: np.random.Generator | None) -> dict[str, 
 
 
 def _copy_mesh(template: Study, out: Path) -> None:
-    """Put the mesh of a part beside the settings that name it."""
+    """Copy the mesh of a part next to the settings that name it."""
     mould = template.settings.dimensions
     if isinstance(mould, MeshDimensions) and Path(mould.path) != (out / mould.file).resolve():
         write_bytes(out / mould.file, Path(mould.path).read_bytes())
 
 
 def _as_stated(template: Study, forward: ExactMap) -> ForwardMap:
-    """Return the map of curvatures as the operator reads them that a study states."""
+    """Return the curvature map for the reading operator of a study."""
     return as_read(forward, template.settings.operator, template.settings.reading_points)
 
 
 def _volume_ratio(template: Study) -> float:
-    """Return that of a part that does not degrade: the median of its prior, 1 without one."""
+    """Return the volume ratio of a non-degrading part: its prior median, or 1 without a prior."""
     law = template.settings.priors.get("volume_ratio")
     return 1.0 if law is None else float(law.quantile(0.5))
 
 
 def _refuse(template: Study) -> None:
-    """Refuse a study with a forward map of its own, and say which files are not made.
+    """Refuse a study with its own forward map, and say which files are not simulated.
 
     Raises
     ------
     BayesdegError
-        If it is one, or states priors or candidates that do not exist, as `run` would say.
+        If it is one, or states unknown priors or candidates.
     """
     say(
-        f"{name}.csv: not simulated, no finite elements answer it"
+        f"{name}.csv: not simulated, the finite element model does not predict it"
         for name in template.others
         if template.settings.forward is None and name not in VIRTUAL_TABLES
     )
     if template.settings.forward is not None:
         raise BayesdegError(
-            f"{template.name} has a forward map of its own, and virtual experiments are of films "
-            "and actuators; draw readings from the function itself"
+            f"{template.name} has its own forward map, but virtual experiments are of films "
+            "and actuators; simulate readings with the function itself"
         )
     outline(template)

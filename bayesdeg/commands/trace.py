@@ -71,7 +71,7 @@ def trace_photographs(
 
 @dataclass(frozen=True)
 class _Asked:
-    """How all photographs are traced."""
+    """Settings for tracing all photographs."""
 
     scale: PictureScale
     base: Side | None
@@ -81,7 +81,7 @@ class _Asked:
 
 
 def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> TracedPhotograph:
-    """Trace a photograph and draw its line; say why if there is none."""
+    """Trace a photograph and draw its line, or record why it was refused."""
     name, rng = path.name, np.random.default_rng(asked.seed)
     try:
         content = _content(path, most_mb=PHOTO_MB)
@@ -98,7 +98,7 @@ def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> Trac
 
 
 def _report(found: Sequence[TracedPhotograph]) -> None:
-    """Say what is not sure, and refuse what could not be traced."""
+    """Print doubts, and raise if a photograph could not be traced."""
     for one in found:
         for doubt in one.not_sure:
             errors.print(f"{one.file}: not sure: {doubt}", soft_wrap=True, markup=False)
@@ -112,7 +112,7 @@ def _report(found: Sequence[TracedPhotograph]) -> None:
 
 def _refuse_with_page(photos: list[Path] | None, out: Path | None) -> None:
     if photos or out is not None:
-        raise typer.BadParameter("--page shows what was traced; give it without photographs")
+        raise typer.BadParameter("--page shows earlier traces; give it without photographs")
 
 
 def _size(text: str | None, option: str) -> float | None:
@@ -124,7 +124,7 @@ def _size(text: str | None, option: str) -> float | None:
     except ValueError:
         value = -1.0
     if not 0.0 < value < 1e4:
-        raise typer.BadParameter(f"{option} {text!r} is no length in mm; write 50, or '50 mm'")
+        raise typer.BadParameter(f"{option} {text!r} is not a length in mm; write 50, or '50 mm'")
     return value
 
 
@@ -137,7 +137,9 @@ def _scale(
     if known == PictureScale():
         raise typer.BadParameter("no scale is given; give --grid, --ruler, --length or --scale")
     if scale is not None and not 0.0 < scale < 100.0:
-        raise typer.BadParameter(f"--scale {scale:g} is no size of a pixel in mm")
+        raise typer.BadParameter(
+            f"--scale {scale:g} is not a pixel size in mm; give a number above 0"
+        )
     return known
 
 
@@ -155,8 +157,8 @@ def _refuse_alike(photos: list[Path]) -> None:
     for path in photos:
         if stems.count(path.stem) > 1:
             raise BayesdegError(
-                f"{path}: another photograph has the same name; rename one, or trace them one by "
-                "one into folders of their own"
+                f"{path}: another photograph has the same name; rename one, or trace them into "
+                "separate folders"
             )
 
 
@@ -164,8 +166,8 @@ def _refuse_beside(photos: list[Path], out: Path) -> None:
     for path in photos:
         if path.parent.resolve() == out.resolve():
             raise BayesdegError(
-                f"{out}: the photographs are in this folder, and nothing is written beside them; "
-                "name another with --out"
+                f"{out}: this folder holds the photographs, so nothing is written there; "
+                "name a different one with --out"
             )
 
 
@@ -174,7 +176,7 @@ def _content(path: Path, most_mb: float = STUDY_MB) -> bytes:
         return read_bytes(path, most_mb=most_mb)
     except OSError as fault:
         raise BayesdegError(
-            f"{path.name}: cannot be read ({reason(fault)}); give the path of a file that can"
+            f"{path.name}: cannot be read ({reason(fault)}); give the path of a readable file"
         ) from fault
 
 
@@ -184,27 +186,25 @@ def _table(path: Path | None) -> pd.DataFrame | None:
     try:
         frame = pd.read_csv(io.BytesIO(_content(path)), comment="#", encoding="utf-8-sig")
     except ValueError as fault:
-        raise BayesdegError(f"{path}: it is no table that can be read; write a CSV file") from fault
+        raise BayesdegError(f"{path}: not a readable table; write a CSV file") from fault
     if "file" not in frame:
-        raise BayesdegError(f"{path}: column file is missing; add it")
+        raise BayesdegError(f"{path}: the column file is missing; add it")
     return frame
 
 
 def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, Any]:
-    """Return what is known of a photograph; by default its name is the specimen's."""
+    """Return the facts about a photograph; by default its name is the specimen's."""
     if rows is None:
         return {"specimen_id": Path(name).stem}
     mine = rows[rows["file"] == name]
     if len(mine) != 1:
-        raise BayesdegError(
-            f"{path}: {len(mine)} rows are of {name!r}; give one row for each photograph"
-        )
+        raise BayesdegError(f"{path}: {len(mine)} rows for {name!r}; give one row per photograph")
     row = mine.iloc[0]
     known: dict[str, Any] = {"specimen_id": str(row.get("specimen_id", Path(name).stem))}
     for field, column in (("pressure", "pressure_kPa"), ("degradation", "degradation_pct")):
         if column in rows:
             number = pd.to_numeric(row[column], errors="coerce")
             if not np.isfinite(number):
-                raise BayesdegError(f"{path}: {column} of {name!r} is no number; give one")
+                raise BayesdegError(f"{path}: {column} of {name!r} is not a number; give a number")
             known[field] = float(number)
     return known

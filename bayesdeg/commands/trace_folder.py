@@ -1,4 +1,4 @@
-"""The folder that ``bayesdeg trace`` writes: tables for people, and a record to correct them by."""
+"""The folder that ``bayesdeg trace`` writes: tables, and a record for later corrections."""
 
 import os
 from collections.abc import Sequence
@@ -27,14 +27,14 @@ from bayesdeg.photographs.trace import PHOTO_MB
 Floats = NDArray[np.float64]
 
 FILE = "trace.json"
-#: Wide enough to see by how much a line is off, small enough to look through many [px].
+#: Wide enough to see errors of a line, small enough to look through many [px].
 WIDTH = 1600
-#: Blue, green, red: of the line where the edge was read, and where it was not; of the target.
+#: Blue, green, red: the line where the edge was found and where not, and the target.
 READ, BETWEEN, TARGET = (255, 0, 255), (0, 0, 255), (255, 160, 0)
 
 
 def way_to(folder: Path, photograph: Path) -> str:
-    """Return the way from a folder to a photograph, which stays right if both are moved."""
+    """Return the relative path from a folder to a photograph, valid if both are moved."""
     try:
         return os.path.relpath(photograph.resolve(), folder.resolve())
     except ValueError:  # on another drive
@@ -42,7 +42,7 @@ def way_to(folder: Path, photograph: Path) -> str:
 
 
 def write_traces(folder: Path, photographs: Sequence[TracedPhotograph]) -> None:
-    """Write record and tables of what was traced; nothing where nothing was."""
+    """Write record and tables of the traces, if any."""
     traced = tuple(one for one in photographs if not one.refused)
     if not traced:
         return
@@ -55,14 +55,14 @@ def write_traces(folder: Path, photographs: Sequence[TracedPhotograph]) -> None:
 def write_overlay(
     folder: Path, photograph: TracedPhotograph, image: Colours, target: Floats | None = None
 ) -> None:
-    """Write the picture on which a person checks a line at a glance.
+    """Write the picture for checking a line at a glance.
 
     Parameters
     ----------
     folder : Path
         Of the trace.
     photograph : TracedPhotograph
-        What was read of it.
+        Its trace.
     image : array of uint8
         The photograph itself.
     target : array, shape (n, 2), optional
@@ -73,7 +73,7 @@ def write_overlay(
 
 
 def _overlay(image: Colours, found: TracedPhotograph, target: Floats | None) -> bytes:
-    """Return a PNG: the line, its clamped end a ring, the target's points, and what was read."""
+    """Return a PNG: line, ring at the clamped end, points of the target, and results."""
     factor = min(1.0, WIDTH / image.shape[1])
     drawn = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     pixels = np.round(factor * 16.0 * np.array(found.pixels)).astype(np.int32)
@@ -103,12 +103,12 @@ def _overlay(image: Colours, found: TracedPhotograph, target: Floats | None) -> 
 
 
 def read_traces(folder: Path) -> tuple[TracedPhotograph, ...]:
-    """Return what was traced into a folder.
+    """Return the traces of a folder.
 
     Raises
     ------
     BayesdegError
-        If there is nothing, or it is damaged.
+        If there are none, or they are damaged.
     """
     try:
         found = TraceFile.read(parse_json(read_bytes(folder / FILE, most_mb=RUN_MB)))
@@ -132,24 +132,24 @@ def read_traces(folder: Path) -> tuple[TracedPhotograph, ...]:
 
 
 def refuse_lost_corrections(folder: Path) -> None:
-    """Refuse to trace into a folder in which a person has corrected points."""
+    """Refuse to trace into a folder with points that were corrected by hand."""
     if not (folder / FILE).exists():
         return
     corrected = [one.file for one in read_traces(folder) if one.corrected]
     if corrected:
         raise BayesdegError(
             f"{folder} holds points that were corrected by hand ({corrected[0]}), which would be "
-            "lost; name another folder with --out"
+            "lost; name a different folder with --out"
         )
 
 
 def picture_of(folder: Path, photograph: TracedPhotograph) -> Colours:
-    """Return a photograph that was traced, upright.
+    """Return a traced photograph, upright.
 
     Raises
     ------
     BayesdegError
-        If it is not there any more, or is another one.
+        If it is missing or has changed.
     """
     path = folder / photograph.place
     try:
@@ -159,13 +159,13 @@ def picture_of(folder: Path, photograph: TracedPhotograph) -> Colours:
             f"{path}: cannot be read ({reason(fault)}); put the photograph back, or trace again"
         ) from fault
     if hash_of(content) != photograph.sha256:
-        raise BayesdegError(f"{path}: it is not the photograph that was traced; trace again")
+        raise BayesdegError(f"{path}: this is not the photograph that was traced; trace again")
     return read_picture(photograph.file, content)
 
 
 def save_correction(
     folder: Path, photographs: Sequence[TracedPhotograph], changed: TracedPhotograph
 ) -> None:
-    """Write everything again after a person has corrected one of the photographs."""
+    """Rewrite everything after one of the photographs was corrected by hand."""
     write_traces(folder, photographs)
     write_overlay(folder, changed, picture_of(folder, changed))

@@ -1,7 +1,7 @@
-"""A page of this machine on which traced lines are looked at and corrected.
+"""A local web page for viewing and correcting traced lines.
 
-It answers on the loopback address alone. Other pages in the browser can neither read nor write: the
-address holds a random token, requests must name this machine as the host, those that write must
+It answers only on the loopback address. Other pages in the browser can neither read nor write: the
+address contains a random token, requests must name this machine as the host, writing requests must
 come from the page itself, and the page may load nothing from elsewhere.
 """
 
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 HOST = "127.0.0.1"
 #: A line of a few hundred points has some 10 kB [bytes].
 LARGEST_BODY = 1_000_000
-#: After which a connection that says nothing is closed [s].
+#: Time after which a silent connection is closed [s].
 PATIENCE = 30.0
 #: Longer side of a photograph on the page [px], and its quality as JPEG.
 SIDE, QUALITY = 2400, 88
@@ -51,7 +51,7 @@ _STATIC = {
 
 
 class PageError(Exception):
-    """A request that is refused, with its status; the message is shown on the page."""
+    """A refused request with its status; the page shows the message."""
 
     def __init__(self, status: HTTPStatus, message: str) -> None:
         super().__init__(message)
@@ -60,7 +60,7 @@ class PageError(Exception):
 
 @dataclass
 class Correction:
-    """What was traced into a folder, and how it is changed.
+    """The traces of a folder, and their corrections.
 
     Parameters
     ----------
@@ -75,11 +75,11 @@ class Correction:
     lock: Lock = field(default_factory=Lock)
 
     def listed(self) -> list[dict[str, object]]:
-        """Return what the page shows of every photograph."""
+        """Return the data of every photograph for the page."""
         return [self.shown(number) for number in range(len(self.photographs))]
 
     def shown(self, number: int) -> dict[str, object]:
-        """Return what the page shows of a photograph."""
+        """Return the data of a photograph for the page."""
         one = self.photographs[number]
         names = (
             *("file", "width", "height", "pixels", "seen", "bend_angle_deg", "curvature_per_m"),
@@ -96,12 +96,12 @@ class Correction:
         return bytes(content)
 
     def save(self, asked: object) -> dict[str, object]:
-        """Take the points of a photograph as they are on the page, and write everything.
+        """Save the points of a photograph from the page, and rewrite everything.
 
         Raises
         ------
         PageError
-            If they are no points of one of the photographs.
+            If they are not points of one of the photographs.
         """
         with self.lock:
             number, pixels = self._checked(asked)
@@ -113,7 +113,7 @@ class Correction:
             return self.shown(number)
 
     def _checked(self, asked: object) -> tuple[int, Floats]:
-        wrong = PageError(HTTPStatus.BAD_REQUEST, "these are no points of a photograph")
+        wrong = PageError(HTTPStatus.BAD_REQUEST, "these are not points of a photograph")
         if not isinstance(asked, Mapping):
             raise wrong
         number = asked.get("number")
@@ -130,7 +130,7 @@ class Correction:
         if np.any(pixels < -OUTSIDE * size) or np.any(pixels > (1.0 + OUTSIDE) * size):
             raise PageError(HTTPStatus.BAD_REQUEST, "a point is outside the photograph")
         if np.any(np.hypot(*np.diff(pixels, axis=0).T) < 1e-3):
-            raise PageError(HTTPStatus.BAD_REQUEST, "two neighbouring points are at one place")
+            raise PageError(HTTPStatus.BAD_REQUEST, "two neighbouring points coincide")
         return number, pixels
 
 
@@ -140,7 +140,7 @@ class TraceServer(ThreadingHTTPServer):
     Parameters
     ----------
     correction : Correction
-        What is shown and changed.
+        The traces that are shown and changed.
     port : int
         0 for a free one.
     """
@@ -154,12 +154,12 @@ class TraceServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{HOST}:{self.server_port}/{self.token}/"
 
     @cached_property
     def hosts(self) -> frozenset[str]:
-        """Names by which a request may ask for it."""
+        """Host names that a request may use."""
         return frozenset(f"{name}:{self.server_port}" for name in (HOST, "localhost"))
 
 
@@ -171,7 +171,7 @@ class TraceRequest(BaseHTTPRequestHandler):
     timeout = PATIENCE
 
     def do_GET(self) -> None:
-        """Answer with a part of the page, or a photograph."""
+        """Send a part of the page, or a photograph."""
         self._answer(self._got)
 
     def do_POST(self) -> None:
@@ -179,7 +179,7 @@ class TraceRequest(BaseHTTPRequestHandler):
         self._answer(self._saved)
 
     def log_message(self, *_args: object) -> None:
-        """Say nothing: addresses hold the token."""
+        """Log nothing: addresses contain the token."""
 
     def _answer(self, work: Callable[[str], tuple[bytes, str]]) -> None:
         try:
@@ -194,18 +194,18 @@ class TraceRequest(BaseHTTPRequestHandler):
         self._send(status, json.dumps({"error": message}).encode(), "application/json")
 
     def _checked_way(self) -> str:
-        """Return what is asked for, after the token.
+        """Return the path after the token.
 
         Raises
         ------
         PageError
-            If the request is not one of the page, or of whoever was given its address.
+            If the request does not come from the page or someone with its address.
         """
         if self.headers.get("Host", "") not in self.server.hosts:
-            raise PageError(HTTPStatus.MISDIRECTED_REQUEST, "this is not the host that was asked")
+            raise PageError(HTTPStatus.MISDIRECTED_REQUEST, "wrong host")
         _, token, *rest = [*self.path.split("/", 2), ""]
         if not secrets.compare_digest(token.encode(), self.server.token.encode()):
-            raise PageError(HTTPStatus.NOT_FOUND, "there is nothing here")
+            raise PageError(HTTPStatus.NOT_FOUND, "not found")
         return rest[0]
 
     def _got(self, way: str) -> tuple[bytes, str]:
@@ -219,30 +219,30 @@ class TraceRequest(BaseHTTPRequestHandler):
         known = map(str, range(len(correction.photographs)))
         if folder == "photograph" and number in known:
             return correction.picture(int(number)), "image/jpeg"
-        raise PageError(HTTPStatus.NOT_FOUND, "there is nothing here")
+        raise PageError(HTTPStatus.NOT_FOUND, "not found")
 
     def _saved(self, way: str) -> tuple[bytes, str]:
         origin = self.headers.get("Origin", "")
         if origin.removeprefix("http://") not in self.server.hosts or "//" not in origin:
-            raise PageError(HTTPStatus.FORBIDDEN, "only the page itself may save")
+            raise PageError(HTTPStatus.FORBIDDEN, "only this page may save")
         if self.headers.get("Sec-Fetch-Site", "same-origin") != "same-origin":
-            raise PageError(HTTPStatus.FORBIDDEN, "only the page itself may save")
+            raise PageError(HTTPStatus.FORBIDDEN, "only this page may save")
         if way != "save":
-            raise PageError(HTTPStatus.NOT_FOUND, "there is nothing here")
+            raise PageError(HTTPStatus.NOT_FOUND, "not found")
         if self.headers.get("Content-Type", "").partition(";")[0] != "application/json":
-            raise PageError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "points are sent as JSON")
+            raise PageError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "points must be sent as JSON")
         try:
             asked = parse_json(self._body())
         except ValueError:
-            raise PageError(HTTPStatus.BAD_REQUEST, "this is no JSON") from None
+            raise PageError(HTTPStatus.BAD_REQUEST, "not valid JSON") from None
         return json.dumps(self.server.correction.save(asked)).encode(), "application/json"
 
     def _body(self) -> bytes:
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal():
-            raise PageError(HTTPStatus.LENGTH_REQUIRED, "the length of the body is not stated")
+            raise PageError(HTTPStatus.LENGTH_REQUIRED, "the request has no content length")
         if len(length) > 9 or int(length) > LARGEST_BODY:
-            raise PageError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "this is too large for a line")
+            raise PageError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too large for a line")
         return self.rfile.read(int(length))
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str) -> None:
@@ -270,12 +270,12 @@ def serve(folder: Path, port: int | None) -> None:
     folder : Path
         The ``--out`` folder of a trace.
     port : int, optional
-        By default a free one.
+        A free one by default.
 
     Raises
     ------
     BayesdegError
-        If nothing was traced into it, it cannot be written, or the port is taken.
+        If it has no traces or cannot be written, or the port is taken.
     """
     photographs = list(read_traces(folder))
     for one in photographs:
@@ -285,9 +285,9 @@ def serve(folder: Path, port: int | None) -> None:
             server = TraceServer(Correction(folder, photographs), port or 0)
         except OSError as fault:
             raise BayesdegError(
-                f"--port {port} cannot be used ({reason(fault)}); give another, or leave it out"
+                f"--port {port} cannot be used ({reason(fault)}); give a different port, or none"
             ) from fault
         with server:
             errors.print(f"{len(photographs)} photographs: {server.address}", soft_wrap=True)
-            errors.print("Ctrl-C ends the page; what was saved stays", soft_wrap=True)
+            errors.print("Ctrl-C closes the page; saved corrections are kept", soft_wrap=True)
             server.serve_forever(poll_interval=0.2)

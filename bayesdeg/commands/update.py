@@ -1,4 +1,4 @@
-"""``bayesdeg update``: further readings of actuators enter a finished run."""
+"""``bayesdeg update``: add further actuator readings to a finished run."""
 
 import sys
 from collections.abc import Mapping
@@ -23,9 +23,9 @@ class UpdateAnswer(FileRecord):
 
     title: str
     virtual: bool
-    outcome: Outcome = Field(description="of the run before: it was not judged again")
+    outcome: Outcome = Field(description="of the earlier run: it was not updated")
     folder: str = Field(description="the new run folder")
-    messages: Names = Field(description="what its user should know")
+    messages: Names = Field(description="warnings and notes")
     update: UpdateEntry
     parameters: tuple[Mapping[str, Scalar], ...] = Field(
         description="mean and sd before and after, and the shift in standard deviations before"
@@ -72,7 +72,7 @@ def _answer(found: Update, run: RunRecord) -> UpdateAnswer:
 def _table(found: Update, run: RunRecord) -> Table:
     virtual = " (virtual experiment)" if run.virtual else ""
     title = f"{run.title}{virtual}\nparameters that moved most"
-    # as Text, lest brackets be taken for markup
+    # as Text, or brackets would be read as markup
     table = Table(title=Text(title), title_justify="left")
     for heading in ("parameter", "unit", "before", "after", "shift\n[sd]"):
         left = heading in ("parameter", "unit")

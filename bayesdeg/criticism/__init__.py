@@ -1,1 +1,1 @@
-"""What is wrong, why, and what knowing it is worth."""
+"""Criticism of calibrated models: misfit, causes and predictive gain."""

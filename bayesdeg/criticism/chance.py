@@ -1,4 +1,4 @@
-"""What chance alone gives: Monte Carlo p-values."""
+"""Monte Carlo p-values."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,16 +7,16 @@ from scipy.stats import binom
 Floats = NDArray[np.float64]
 
 DOUBT = 1e-3
-"""Chance of so few or so many exceedances, were the p-value the level, below which its side is
-clear: the verdict of one study in a thousand whose p-value is the level itself would hang on the
-seed, and of hardly any other."""
+"""Probability of so few or so many exceedances, if the p-value equals the level, below which its
+side is clear: one in a thousand verdicts of studies with a p-value exactly at the level would
+depend on the seed, and hardly any other."""
 
 
 def chance_of(statistic: Floats | float, null: Floats, *, fewest: int = 0) -> Floats:
-    """Return how often chance gives at least as much, (1 + #)/(1 + n).
+    """Return the Monte Carlo p-value (1 + #)/(1 + n), # the number of exceedances.
 
-    Data count among those that were simulated, so that the p-value of a right model is uniform,
-    and never 0.
+    The data count among the simulated sets, so that the p-value of a correct model is uniform and
+    never 0.
 
     Parameters
     ----------
@@ -44,10 +44,10 @@ def chance_of(statistic: Floats | float, null: Floats, *, fewest: int = 0) -> Fl
 
 
 def is_clear(statistic: float, null: Floats, level: float) -> bool:
-    """Return whether it is clear on which side of a level a p-value is.
+    """Return whether the side of a level on which a p-value lies is clear.
 
-    The number of data sets beyond the observed one is binomial. If as few, or as many, were
-    improbable with a p-value at the level, more data sets would not change the side.
+    The number of data sets beyond the observed one is binomial. If as few, or as many, are
+    improbable for a p-value at the level, more data sets would not change the side.
 
     Parameters
     ----------

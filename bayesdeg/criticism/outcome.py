@@ -1,17 +1,17 @@
-"""What can be said of a misfit: what records, reports and commands need to know of criticism."""
+"""Outcomes and significance levels, for records, reports and commands."""
 
 from enum import StrEnum
 
 MISFIT_LEVEL = 0.02
-"""p-value up to which a misfit is more than chance gives."""
+"""p-value up to which a misfit is significant."""
 LEFT_LEVEL = 0.005
-"""p-value up to which what causes leave speaks against them: at `MISFIT_LEVEL` one right name in
-fifty would be lost to chance. In 699 virtual studies no p-value between the two kept a wrong cause
-from being named."""
+"""p-value up to which the misfit left by causes counts against them: at `MISFIT_LEVEL` one correct
+name in fifty would be lost to chance. In 699 virtual studies no p-value between the two levels
+prevented a wrong name."""
 
 
 class Outcome(StrEnum):
-    """What can be said of the misfit."""
+    """The outcome of a verdict."""
 
     ADEQUATE = "adequate"
     NAMED = "named"

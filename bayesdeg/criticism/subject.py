@@ -1,4 +1,4 @@
-"""Where the parameters of causes stand in the vectors of an extended model."""
+"""Parameters of causes in the vectors of an extended model."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ def with_neutral(vector: Floats, density: Density, extended: Density) -> Floats:
 
 
 def typical_size(cause: Cause) -> Floats:
-    """Return the size that the catalogue gives for a cause, on the unconstrained scale, (k,)."""
+    """Return the catalogue's size of a cause on the unconstrained scale, (k,)."""
     sizes = [
         float(p.law.to_unconstrained(cause.typical.get(p.name, p.neutral or 0.0)))
         for p in cause.parameters
@@ -30,6 +30,6 @@ def typical_size(cause: Cause) -> Floats:
 
 
 def columns_of(extended: Density, cause: Cause) -> list[int]:
-    """Return where the parameters of a cause stand in the vectors of an extended model."""
+    """Return the indices of a cause's parameters in the vectors of an extended model."""
     names = extended.table.names
     return [names.index(cause.qualified(p.name)) for p in cause.parameters]

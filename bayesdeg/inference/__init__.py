@@ -1,1 +1,1 @@
-"""Data, forward map and causes become a posterior."""
+"""Posterior densities, and their modes, evidence and samples."""

@@ -5,8 +5,8 @@ doi:10.3389/frobt.2021.760485 (wet basis),
 
     M_C = M_C0 [1 − D_∞ (1 − exp(−t/τ)) / 100] + ε,   ε ~ N(0, s²),
 
-with s the scatter of films in points of moisture. No parameter of it stands in the likelihood of
-any other data of a study, so the joint posterior is a product and this factor is sampled alone.
+with s the scatter of films in points of moisture. Its parameters appear in no other likelihood of a
+study, so the joint posterior is a product and this factor is sampled separately.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class CourseModel:
     Parameters
     ----------
     films : tuple of str
-        One a film.
+        One per film.
     time_h : array, shape (n_films,)
         Time in the soil [h].
     moisture_pct : array, shape (n_films,)
@@ -73,12 +73,12 @@ class CourseModel:
 
 
 def course_model(study: Study) -> CourseModel | None:
-    """Return the model of a study's moisture readings, with the priors that the study states.
+    """Return the model of a study's moisture readings, with the study's priors.
 
     Returns
     -------
     CourseModel or None
-        None if there are no films, or all were taken out at one time.
+        None if there are no films, or all were taken out at the same time.
     """
     table = study.moisture
     if table is None or table["time_h"].nunique() < 2:
@@ -131,7 +131,7 @@ def time_to_reach(values: Named, degradation: float) -> Floats:
     Returns
     -------
     array, shape (n,)
-        [h]; inf where the limit is not above it.
+        [h]; inf if the limit is not above it.
 
     Examples
     --------
@@ -148,14 +148,14 @@ def time_to_reach(values: Named, degradation: float) -> Floats:
 
 @dataclass(frozen=True)
 class RateErrors:
-    """Standard errors of degradation rates that are reckoned from weighed films.
+    """Standard errors of degradation rates computed from weighed films.
 
     Parameters
     ----------
     common : array
         From the mean of the fresh films, shared by every rate of the study [%].
     own : array
-        From the mean of the films of its own [%].
+        From the mean of its own films [%].
     """
 
     common: Floats
@@ -175,9 +175,9 @@ def rate_errors(
     .. math:: s_{common} = (100 - D) \frac{s}{M_{C0} \sqrt{n_0}}, \quad
               s_{own} = 100 \frac{s}{M_{C0} \sqrt{n}}
 
-    The first is one error for all rates, so specimens cannot average it out: it acts like a
-    degradation rate that is misread by nearly the same number of points everywhere. Undegraded
-    specimens have neither.
+    The first is one error shared by all rates, so specimens cannot average it out: it acts like a
+    degradation rate misread by nearly the same number of points everywhere. Undegraded specimens
+    have neither.
 
     Parameters
     ----------

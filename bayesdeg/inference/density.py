@@ -1,4 +1,4 @@
-"""What can be sampled: any log density over named parameters."""
+"""Densities for sampling: any log density over named parameters."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from bayesdeg.priors import Flat, Named, Parameter, ParameterTable
 
 Floats = NDArray[np.float64]
 
-GUESS = 2.0  # half width, on the unconstrained scale, of guesses where a prior is improper
+GUESS = 2.0  # half width of guesses for an improper prior, on the unconstrained scale
 
 
 class Density(Protocol):
-    """A posterior density up to a constant, as mode search, evidence and sampler need it.
+    """Interface of a posterior density, up to a constant, for mode search, evidence and sampling.
 
     ``log_prob`` may take a keyword ``truncate``; with False it leaves out the bounds of truncated
     priors (`ParameterTable.log_prior` does so), so that derivatives exist on a bound. A density
-    that is a product of normal laws of readings may say so (`Factored`): then its mode is climbed
-    to with expected second derivatives, at the cost of first ones.
+    that is a product of normal laws of readings may provide its factors (`Factored`): then the mode
+    search uses expected second derivatives at the cost of first ones.
     """
 
     @property
@@ -63,15 +63,15 @@ class Factors(NamedTuple):
 
 
 class Factored(Density, Protocol):
-    """A density that can say what its factors are."""
+    """A density that provides its factors."""
 
     def factors(self, vectors: Floats) -> Factors | None:
-        """Return the factors at vectors (n, n_parameters); None if some are of another kind."""
+        """Return the factors at vectors (n, n_parameters); None if some have a different form."""
         ...
 
 
 class _Continued(Protocol):
-    """A density that goes on over the bounds of truncated priors."""
+    """A density continued beyond the bounds of truncated priors."""
 
     def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats: ...
 
@@ -137,7 +137,7 @@ class CustomDensity:
         Raises
         ------
         ValueError
-            If the log likelihood does not answer with one number a vector.
+            If the log likelihood does not return one number per vector.
         """
         table = self.table
         with np.errstate(all="ignore"):
@@ -146,17 +146,17 @@ class CustomDensity:
             if data.shape != prior.shape:
                 raise ValueError(
                     f"log_likelihood must return shape {prior.shape}, one number for each of the "
-                    f"values it was given, not {data.shape}"
+                    f"given values, not {data.shape}"
                 )
             total = prior + data
-        # +inf is no density either: the sampler would never leave it
+        # +inf is also invalid: the sampler would never leave it
         return np.where(np.isfinite(total), total, -np.inf)
 
 
 def continued(density: Density) -> Callable[[Floats], Floats]:
-    """Return the log density without the bounds of truncated priors, where the density offers it.
+    """Return the log density without the bounds of truncated priors, if the density offers it.
 
-    Elsewhere it is ``log_prob`` itself.
+    Otherwise it is ``log_prob`` itself.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def continued(density: Density) -> Callable[[Floats], Floats]:
 
 
 def log_ratio(above: Floats, below: Floats) -> Floats:
-    """Return ln(p/q) from ln p and ln q; nan where both densities are 0, which is no warning.
+    """Return ln(p/q) from ln p and ln q; nan without a warning where both densities are 0.
 
     Examples
     --------
@@ -185,7 +185,7 @@ def log_ratio(above: Floats, below: Floats) -> Floats:
 
 
 def factors_of(density: Density, vectors: Floats) -> Factors | None:
-    """Return the factors of a density where it says what they are, else None."""
+    """Return the factors of a density if it provides them, else None."""
     known = getattr(density, "factors", None)
     if known is None:
         return None
@@ -194,7 +194,7 @@ def factors_of(density: Density, vectors: Floats) -> Factors | None:
 
 
 def bounds(table: ParameterTable) -> tuple[Floats, Floats]:
-    """Return the least and largest possible vector, each (n_parameters,); infinite mostly.
+    """Return the smallest and largest possible vectors, each (n_parameters,), mostly infinite.
 
     Only truncated laws have bounds on the unconstrained scale.
 
@@ -210,7 +210,7 @@ def bounds(table: ParameterTable) -> tuple[Floats, Floats]:
 
 
 def guesses(table: ParameterTable, generator: np.random.Generator, count: int) -> Floats:
-    """Return vectors to seek a mode from: the prior's median, and draws; (1 + count, n_parameters).
+    """Return starts of a mode search: the prior's median and draws, (1 + count, n_parameters).
 
     An improper prior has neither: its median is taken as 0, its draws as uniform on (−2, 2), both
     on the unconstrained scale, as Stan's initial values are.

@@ -1,4 +1,4 @@
-"""A monotone map of each parameter that makes its distribution nearly normal."""
+"""Importance sampling with a Student law of parameters warped to near normality."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
@@ -23,10 +23,10 @@ from bayesdeg.inference.laplace import (
 Floats = NDArray[np.float64]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
-MOST_WARPED = 2000  # draws that a fit looks at; more change its four numbers little
-# of location and log scale in standard deviations, skewness and log tail weight
+MOST_WARPED = 2000  # draws used by a fit; more change its four numbers little
+# bounds of location and log scale in standard deviations, skewness and log tail weight
 BOUNDS = ((-5.0, 5.0), (-4.0, 4.0), (-4.0, 4.0), (-1.5, 1.5))
-PULL = 1e-3  # towards the normal law, as strong as so many draws over their number
+PULL = 1e-3  # shrinkage towards the normal law, as strong as this many draws
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Warp:
 
     @classmethod
     def fit(cls, draws: Floats) -> Self:
-        """Return the most likely map of draws (n, n_parameters), each parameter by itself."""
+        """Return the most likely map of draws (n, n_parameters), parameter by parameter."""
         take = np.linspace(0, len(draws) - 1, min(MOST_WARPED, len(draws))).round().astype(np.int64)
         centre, spread = np.median(draws, axis=0), _spread(draws)
         standard = (draws[take] - centre) / spread
@@ -85,7 +85,7 @@ class Warp:
 
 
 def _spread(draws: Floats) -> Floats:
-    """Return standard deviations, those of constant columns replaced by something positive."""
+    """Return standard deviations, with a positive value for constant columns."""
     least = 1e-8 * np.maximum(1.0, np.abs(np.median(draws, axis=0)))
     spread: Floats = np.maximum(np.std(draws, axis=0), least)
     return spread
@@ -124,15 +124,15 @@ def _most_likely(standard: Floats) -> Floats:
     return found.x if np.all(np.isfinite(found.x)) else np.zeros(4)
 
 
-# of the fitted Student law: importance weights need tails heavier than those of a posterior
+# degrees of freedom of the fitted Student law: importance weights need heavy tails
 DEGREES_OF_FREEDOM = 10.0
-# walkers that are sent far out by it also move by one another: lighter tails save a fifth of the
-# steps of the gelatin study
+# for moves, where walkers also use differential evolution: lighter tails save a fifth of the steps
+# of the gelatin study
 FOR_WALKERS = 20.0
 
 
 class Random(Protocol):
-    """What moves ask of a source of random numbers; emcee hands on the old kind."""
+    """Interface of random numbers for moves; emcee uses the legacy kind."""
 
     def standard_normal(self, size: tuple[int, ...], /) -> Floats:
         """Draw standard normal numbers."""
@@ -168,7 +168,7 @@ class Proposal:
 
     @classmethod
     def fit(cls, draws: Floats, *, degrees: float = DEGREES_OF_FREEDOM) -> Self:
-        """Return the law of draws (n, n_parameters), of which some may be equal."""
+        """Fit the law to draws (n, n_parameters), possibly with duplicates."""
         warp = Warp.fit(draws)
         z, _ = warp.normal(draws)
         covariance = np.atleast_2d(np.cov(z, rowvar=False))
@@ -178,7 +178,7 @@ class Proposal:
         return cls(warp, np.mean(z, axis=0), factor, np.linalg.inv(factor), degrees)
 
     def independent(self, vectors: Floats, random: Random) -> tuple[Floats, Floats]:
-        """Propose draws of the law, whatever the walkers' positions.
+        """Propose draws of the law, independent of the walkers' positions.
 
         Returns
         -------
@@ -193,7 +193,7 @@ class Proposal:
         return proposed, self.log_density(vectors) - self.log_density(proposed)
 
     def jittered(self, vectors: Floats, random: np.random.Generator, *, width: float) -> Floats:
-        """Return vectors moved by so many standard deviations of the law, in all directions."""
+        """Return vectors jittered by this many standard deviations of the law."""
         white, _ = self.white(vectors)
         return self.original(white + width * random.standard_normal(white.shape))
 
@@ -214,17 +214,17 @@ class Proposal:
         return (z - self.mean) @ self.whitening.T, log_slope
 
 
-ENOUGH, DRAWS = 300.0, 1000  # effective draws wanted about a mode, and draws of each round
+ENOUGH, DRAWS = 300.0, 1000  # effective draws required about a mode, and draws of each round
 MOST = 4000  # draws about a mode before a better proposal is fitted to them
-FITTED = 2000  # draws that a proposal is fitted to
-WIDER = 1.3  # than the fit: what the draws so far did not reach has to be found
-LEAST = 20.0  # effective draws for each parameter that a proposal is fitted to
+FITTED = 2000  # draws for fitting a proposal
+WIDER = 1.3  # widening of the fit, to find regions not reached by earlier draws
+LEAST = 20.0  # effective draws per parameter for fitting a proposal
 
 
 def about_mode(
     density: Density, laplace: Laplace, generator: np.random.Generator, *, enough: float = ENOUGH
 ) -> Evidence:
-    """Return an importance sample of a posterior whose mode is known, `improved` where it is poor.
+    """Return an importance sample of a posterior with known mode, `improved` if it is poor.
 
     Parameters
     ----------
@@ -238,7 +238,9 @@ def about_mode(
     found = evidence(density, laplace, generator, draws=MOST, enough=enough)
     if found.effective >= enough:
         return found
-    if found.effective < POOR * len(found.draws):  # expected curvature may mislead, as of ruptures
+    if found.effective < POOR * len(
+        found.draws
+    ):  # expected curvature may be misleading, as for ruptures
         exact = with_exact_curvature(density, laplace)
         second = evidence(density, exact, generator, draws=MOST, enough=enough)
         found = max(found, second, key=lambda one: one.effective)
@@ -257,11 +259,11 @@ def improved(
     enough: float = 1000.0,
     rounds: int = 8,
 ) -> Evidence:
-    """Return an importance sample of enough effective draws, if that can be had.
+    """Return an importance sample with enough effective draws, if possible.
 
-    Each round fits a Student law with warped marginals to the weighted draws so far, and draws
-    from it; all draws are then weighted by the mixture of all those laws. Where few draws carry the
-    weight, weights are flattened before a law is fitted, lest it narrow down on those few.
+    Each round fits a Student law with warped marginals to the weighted draws so far, and draws from
+    it; all draws are then weighted by the mixture of all these laws. If few draws carry the weight,
+    weights are flattened before fitting, so that the law does not collapse onto those few.
 
     Parameters
     ----------
@@ -290,7 +292,7 @@ def improved(
     laws: list[Proposal] = []
     known = posterior
     points, densities = np.empty((0, len(density.table))), np.empty(0)
-    under = np.empty((0, 0))  # log density of each point, a column, by each law
+    under = np.empty((0, 0))  # log density of each point (column) under each law
     found = posterior
     for _ in range(rounds if posterior.effective > 0.0 else 0):
         law = _wide(Proposal.fit(_flattened(known).resample(generator, FITTED)))
@@ -310,10 +312,10 @@ def improved(
 def refitted(
     density: Density, posterior: Evidence, generator: np.random.Generator, *, draws: int = 4000
 ) -> Evidence:
-    """Return an importance sample from the one law that fits draws of nearly the same posterior.
+    """Return an importance sample from the law fitted to draws of nearly the same posterior.
 
-    The law is as wide as the draws, so that far fewer proposals are wasted than by `improved`,
-    which looks for what draws have missed.
+    The law is as wide as the draws, so far fewer proposals are wasted than by `improved`, which
+    searches for regions that draws have missed.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """The mode of a log density and the curvature there.
 
-A density that says what its factors are (`bayesdeg.inference.density.Factored`) is climbed by
+A density that provides its factors (`bayesdeg.inference.density.Factored`) is climbed by
 Fisher scoring: first derivatives of the factors give the gradient and the expected second
 derivatives, at the cost of two densities for each parameter. Any other density is differenced
 twice.
@@ -22,21 +22,23 @@ from bayesdeg.priors import Flat, Law, ParameterTable
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-STEP = 1e-3  # of second differences, in units of a parameter's scale
-SHORT = 1e-4  # of differences of factors, in prior widths: rounding 1e-12, curvature 1e-8
-INNER = 0.1  # of it, between the densities of a gradient where gradients are differenced
-REGULAR = (1e-2, 10.0)  # conditional widths between which a parameter's scale is taken as 1
+STEP = 1e-3  # step of second differences, in units of a parameter's scale
+SHORT = 1e-4  # step of differences of factors, in prior widths: rounding 1e-12, curvature 1e-8
+INNER = 0.1  # fraction of it for the gradients, if gradients are differenced
+REGULAR = (1e-2, 10.0)  # range of conditional widths within which a parameter's scale is taken as 1
 USUAL, ANY = 10.0 ** np.arange(-3.0, 1.5, 0.5), 10.0 ** np.arange(-10.0, 10.5, 0.5)
-IMPOSSIBLE = -1e12  # stands for −inf where a number is needed
-FAR = 1e-3  # share of a large log density by which it has to change: rounding hides less
-LARGEST = 1e4  # density of which second differences still have digits to spare
-FLATTEST = 1e-4  # curvature, in units of the scales, below which a direction is taken as flat
-DAMPING = np.concatenate([[0.0], 10.0 ** np.arange(-2.0, 7.0)])  # of a step, in curvatures
-LENGTHS = np.array([0.25, 0.5, 2.0, 4.0])  # of the undamped step: what is left at the end is slow
-CLOSE = 2e-4  # gain in log density at which a climb ends: a fiftieth of a standard deviation
-INWARDS = (0.1, 0.5, 1.0)  # from a bound, in prior widths: where a climb that ends there looks on
+IMPOSSIBLE = -1e12  # replaces −inf where a finite number is needed
+FAR = 1e-3  # relative change of a large log density required: rounding hides less
+LARGEST = 1e4  # largest density for which second differences are accurate
+FLATTEST = 1e-4  # curvature, in units of the scales, below which a direction counts as flat
+DAMPING = np.concatenate([[0.0], 10.0 ** np.arange(-2.0, 7.0)])  # dampings of a step, in curvatures
+LENGTHS = np.array(
+    [0.25, 0.5, 2.0, 4.0]
+)  # multiples of the undamped step: convergence at the end is slow
+CLOSE = 2e-4  # gain in log density at which a search ends: a fiftieth of a standard deviation
+INWARDS = (0.1, 0.5, 1.0)  # distances from a bound, in prior widths, tried when a search ends there
 LONGEST = 60
-WIDEST = 5.0  # step of a logarithm or logit: beyond, its law is far from a quadratic
+WIDEST = 5.0  # largest step of a logarithm or logit: beyond, its law is far from quadratic
 
 
 class Expansion(NamedTuple):
@@ -55,9 +57,9 @@ class Expansion(NamedTuple):
 def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
     """Climb from a start to a mode within the bounds of truncated priors.
 
-    Steps are those of Levenberg and Marquardt, of which the best of several dampings is taken, cut
-    at the bounds; a parameter that presses against its bound stays there, unless the density is
-    higher some way inside: a scatter beside another has no slope where it is zero.
+    Levenberg–Marquardt steps with the best of several dampings, cut at the bounds; a parameter at
+    its bound stays there, unless the density is higher further inside: one of two scatters has no
+    slope where it is zero.
 
     Parameters
     ----------
@@ -103,7 +105,7 @@ def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
 
 
 def _inside(density: Density, point: Floats, low: Floats, high: Floats) -> Floats | None:
-    """Return the best point with one parameter off its bound, if that is higher than its bound."""
+    """Return the best point with one parameter away from its bound, if that is higher."""
     width = _widths(density.table)
     trials = []
     for end, inwards in ((low, 1.0), (high, -1.0)):
@@ -119,10 +121,10 @@ def _inside(density: Density, point: Floats, low: Floats, high: Floats) -> Float
 
 
 def expansion(density: Density, point: Floats) -> Expansion:
-    """Return a quadratic that touches the log density at a point.
+    """Return a quadratic expansion of the log density at a point.
 
-    Its curvature is the expected one where the density is factored, else the differences' own. It
-    may point up in directions in which the density is no dome.
+    Its curvature is the expected one if the density is factored, else from differences. It may be
+    indefinite where the density is not concave.
     """
     width = SHORT * _widths(density.table)
     around = point + np.vstack([np.zeros(len(point)), np.diag(width), -np.diag(width)])
@@ -163,7 +165,7 @@ def _scored(found: Factors, table: ParameterTable, point: Floats, width: Floats)
 
 
 def _central(part: Floats, width: Floats) -> Floats:
-    """Return slopes of what was found at 1 + 2n points, (n, k)."""
+    """Return central slopes of values at 1 + 2n points, (n, k)."""
     size = len(width)
     slopes: Floats = (part[1 : size + 1] - part[size + 1 :]) / (2.0 * width[:, None])
     return slopes
@@ -184,12 +186,12 @@ def _from_the_scale(table: ParameterTable, point: Floats, slope: Floats) -> Floa
 
 
 def _steps(about: Expansion, free: Flags, table: ParameterTable) -> Floats:
-    """Return steps to try, (n, n_parameters), zero in what is not free."""
+    """Return trial steps, (n, n_parameters), zero for fixed parameters."""
     unit = np.where(free, about.unit, 0.0)
     gradient = unit * about.gradient
     values, vectors = np.linalg.eigh(np.outer(unit, unit) * about.information)
     along = vectors.T @ gradient
-    # a direction in which the density is no dome is climbed as if it were one
+    # directions of positive curvature are climbed as if it were negative
     curvature = np.maximum(np.abs(values), FLATTEST)
     size = np.maximum(np.sum(vectors**2 * curvature, axis=1), FLATTEST)
     damped = [vectors @ (along / curvature)]
@@ -266,7 +268,7 @@ def derivatives(
 
 
 def _from_pairs(density: Density, point: Floats, steps: Floats) -> tuple[Floats, Floats] | None:
-    """Differences of second order over all pairs of steps.
+    """Second-order differences over all pairs of steps.
 
     None if a neighbour is impossible, or densities are so large that rounding would spoil them.
 
@@ -307,7 +309,7 @@ def _from_gradients(density: Density, point: Floats, steps: Floats) -> tuple[Flo
 def positive_inverse(precision: Floats) -> Floats:
     """Invert a precision, its eigenvalues held between `FLATTEST` and 1e8.
 
-    A direction of too little curvature is taken as unit-wide.
+    A direction with too little curvature gets unit width.
     """
     values, vectors = np.linalg.eigh(precision)
     width = np.where(values > FLATTEST, 1.0 / np.clip(values, FLATTEST, 1e8), 1.0)
@@ -352,12 +354,14 @@ def _slopes(values: Floats, step: float | Floats) -> Floats:
     return found
 
 
-DEGREES_OF_FREEDOM = 6.0  # 4 to 12 give as many effective draws; fewer miss no tail
+DEGREES_OF_FREEDOM = (
+    6.0  # degrees of freedom: 4 to 12 give as many effective draws; fewer miss no tail
+)
 LOOKS = np.array([1.5, 3.0, 6.0])  # distances at which widths are measured, in standard deviations
-SHORT_LOOKS = np.array([0.02, 0.06, 0.2, 0.6])  # where a bound holds the mode the fall is steeper
-NARROWEST, WIDEST_PIECE = 0.01, 4.0  # of a width, in standard deviations
-ROOM = 1e-3  # of a side, below which nothing is looked for there
-LEAST = 1e-300  # probability that is still divided by
+SHORT_LOOKS = np.array([0.02, 0.06, 0.2, 0.6])  # at a bound that holds the mode the fall is steeper
+NARROWEST, WIDEST_PIECE = 0.01, 4.0  # limits of a width, in standard deviations
+ROOM = 1e-3  # probability of a side below which it is ignored
+LEAST = 1e-300  # smallest probability used as a divisor
 
 
 @dataclass(frozen=True)
@@ -484,7 +488,7 @@ def _sides(density: Density, mode: Floats, axes: Floats, room: Floats) -> tuple[
 
 
 def _typical(distance: Floats, drop: Floats, held: NDArray[np.bool_]) -> Floats:
-    """Return a width from the drops at several distances, (n,); nan where none was looked at.
+    """Return a width from the drops at several distances, (n,); nan without any.
 
     The largest width with which Student's law has dropped as much at any of the looks: a tail that
     is too light misses what weighs most. Where a bound holds the mode, what that look says at which
@@ -500,16 +504,18 @@ def _typical(distance: Floats, drop: Floats, held: NDArray[np.bool_]) -> Floats:
     return np.where(held, width[best, np.arange(len(held))], usual)
 
 
-ROUND = 500  # proposals drawn and looked at together
-POOR = 0.02  # share of effective draws below which further draws of the same law are of no use
-LIGHT = 1.0 / 3.0  # shape of a tail up to which the weights have a third moment: left as they are
-FEWEST_SMOOTHED = 100  # draws: of fewer, the tail has too few to fit a law to
-FEWEST_EFFECTIVE = 30.0  # an importance sample of fewer effective draws is not used
+ROUND = 500  # proposals drawn and evaluated together
+POOR = 0.02  # share of effective draws below which further draws of the same law are useless
+LIGHT = (
+    1.0 / 3.0
+)  # shape of a tail up to which the weights have a third moment and are left unchanged
+FEWEST_SMOOTHED = 100  # fewest draws for fitting a law to the tail
+FEWEST_EFFECTIVE = 30.0  # fewest effective draws of a usable importance sample
 
 
 @dataclass(frozen=True)
 class Laplace:
-    """A posterior's mode and the normal law that touches it there.
+    """A posterior's mode and its normal approximation there.
 
     Parameters
     ----------
@@ -543,7 +549,7 @@ class Evidence:
     log_densities : array, shape (n,), optional
         Log posterior densities of the draws, not normalised.
     pareto_k : float
-        Shape of the tail of the weights; above 0.7 they cannot be relied on. Nan if not known.
+        Shape of the tail of the weights; above 0.7 they are unreliable. Nan if unknown.
     """
 
     log_evidence: float
@@ -556,7 +562,7 @@ class Evidence:
 
     @property
     def top(self) -> tuple[Floats, float] | None:
-        """The most probable draw and its log density; None if densities are not known."""
+        """The most probable draw and its log density; None if densities are unknown."""
         if self.log_densities is None:
             return None
         best = int(np.argmax(self.log_densities))
@@ -590,7 +596,7 @@ def approximate(
 
 
 def with_exact_curvature(density: Density, laplace: Laplace) -> Laplace:
-    """Return the approximation with second differences of the density in the place of expected."""
+    """Return the approximation with second differences of the density instead of expected ones."""
     scale = scales(density, laplace.mode)
     _, hessian = derivatives(density, laplace.mode, STEP * scale)
     unit = np.outer(scale, scale)
@@ -614,9 +620,9 @@ def evidence(
     generator : Generator
         Draws the proposals.
     draws : int
-        Of them, at most.
+        Largest number of draws.
     enough : float
-        Effective draws with which fewer proposals do; they are drawn in rounds of `ROUND`.
+        Effective draws at which drawing stops; proposals are drawn in rounds of `ROUND`.
 
     Returns
     -------
@@ -661,7 +667,8 @@ def weighted(points: Floats, log_weights: Floats) -> Evidence:
 def smoothed(points: Floats, log_weights: Floats) -> Evidence:
     """Return the importance sample with its largest weights smoothed by a Pareto law.
 
-    A single draw from a tail that the proposal hardly reaches would else decide the estimate.
+    A single draw from a tail that the proposal hardly reaches would otherwise dominate the
+    estimate.
 
     References
     ----------
@@ -678,13 +685,13 @@ def smoothed(points: Floats, log_weights: Floats) -> Evidence:
     if not pareto_k > LIGHT:
         return replace(weighted(points, log_weights), pareto_k=float(pareto_k))
     weights = np.full(len(log_weights), -np.inf)
-    # all but the tail are as they were, up to a constant
+    # all but the tail are unchanged, up to a constant
     weights[possible] = normalised + float(np.median(known - normalised))
     return replace(weighted(points, weights), pareto_k=float(pareto_k))
 
 
 def effective_draws(log_weights: Floats) -> float:
-    """Return (Σ w)²/Σ w² of importance weights, the number of equal ones that are worth as much.
+    """Return the effective number of draws, (Σ w)²/Σ w², of importance weights.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Data, forward map and active causes as one log density over a batch of vectors."""
+"""The joint model: data, forward map and active causes as one batched log density."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -43,31 +43,31 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 AT_ONCE = 256
-"""Vectors of a batch that are worked on at a time: so few that what lies between fits the cache."""
+"""Vectors of a batch evaluated at a time: few enough for intermediate results to fit the cache."""
 
 
 @dataclass(frozen=True)
 class JointModel:
-    """A posterior density up to a constant, which can be criticised and extended by causes.
+    """A posterior density, up to a constant, that can be criticised and extended by causes.
 
     Parameters
     ----------
     base : tuple of Parameter
-        Parameters without those of the causes.
+        Parameters, without those of the causes.
     observations : tuple of Observations
         The data, each kind once.
     world : World
-        How parameters become what the kinds of data need.
+        Conversion of parameters to what the kinds of data need.
     causes : tuple of Cause
         Active causes.
     held : str
-        Name of the kind of data that is held out group by group; by default the one of the highest
-        priority that is there.
+        Name of the kind of data that is held out group by group; by default the available one of
+        highest priority.
 
     Raises
     ------
     ValueError
-        If there is no parameter, names clash, or a cause acts on nothing.
+        If there are no parameters, names clash, or a cause acts on nothing.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class JointModel:
     held: str = ""
 
     def __post_init__(self) -> None:
-        """Link kinds of data that go on one another, and refuse what does not go together."""
+        """Link dependent kinds of data, and refuse inconsistent ones."""
         linked = (one.linked(self.observations) for one in self.observations)
         kept = tuple(one for one in linked if one is not None)
         object.__setattr__(self, "observations", kept)
@@ -113,17 +113,17 @@ class JointModel:
 
     @property
     def continued(self) -> Self:
-        """The model with a forward map that goes on outside its range; its density is the same."""
+        """The model with a forward map continued outside its range; its density is the same."""
         return replace(self, world=self.world.continued)
 
     # ---- the density
 
     def state(self, values: Named) -> State[Any]:
-        """Return named values (n,) with what kinds of data make of them, in a continued world."""
+        """Return named values (n,) with derived quantities, in the continued world."""
         return State(values, self.world.continued, self.causes)
 
     def tests(self, values: Named) -> State[Any]:
-        """Return the same in the world as it is: no answer outside the forward map's range."""
+        """Return the same with nan outside the forward map's range."""
         return State(values, self.world, self.causes)
 
     def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats:
@@ -152,11 +152,11 @@ class JointModel:
     def factors(self, vectors: Floats) -> Factors | None:
         """Return the factors of the density, without the bounds of priors.
 
-        None where the law of a kind of data is of another kind.
+        None if the law of a kind of data has a different form.
         """
         with np.errstate(all="ignore"):
             state = self.state(self.table.named(vectors))
-            # what needs no forward map comes first
+            # parts without the forward map come first
             ordered = sorted(self.observations, key=lambda one: one.uses_forward)
             parts = [one.factors(state) for one in ordered] if self.world.is_factored else [None]
             known = [part for part in parts if part is not None]
@@ -168,21 +168,21 @@ class JointModel:
         return Factors(*_joined(normal, len(vectors)), *_joined(events, len(vectors)), prior)
 
     def allows(self, values: Named) -> Flags:
-        """Return which values the world allows with the specimens that there are, (n,)."""
+        """Return a mask of values allowed by the world for these specimens, (n,)."""
         return self.world.allows(values, self._levels)
 
     @cached_property
     def _levels(self) -> Floats:
         return np.concatenate([np.empty(0), *(one.levels for one in self.observations)])
 
-    # ---- other data, other causes
+    # ---- different data and causes
 
     def extended(self, *causes: Cause) -> Self:
         """Return the model with further causes active."""
         return replace(self, causes=in_order((*self.causes, *causes)))
 
     def with_observations(self, *new: Observations) -> Self:
-        """Return the model with other data of these kinds."""
+        """Return the model with different data of these kinds."""
         names = {one.name for one in new}
         kept = (one for one in self.observations if one.name not in names)
         return replace(self, observations=catalogue.in_order((*kept, *new)))
@@ -193,19 +193,19 @@ class JointModel:
         return replace(self, observations=kept)
 
     def with_world(self, **changes: Any) -> Self:
-        """Return the model in a world of which something is different."""
+        """Return the model with a modified world."""
         world: Any = self.world
         return replace(self, world=replace(world, **changes))
 
     def of_kind[K: Observations](self, kind: type[K]) -> tuple[K, ...]:
-        """Return the data of a kind: one, or none."""
+        """Return the data of a kind, or None."""
         return catalogue.of_kind(self.observations, kind)
 
-    # ---- readings, and what is held out of them
+    # ---- readings and held-out groups
 
     @property
     def criticised(self) -> tuple[Observations, ...]:
-        """Kinds of data that are held against the model reading by reading, or event by event."""
+        """Kinds of data that are compared with the model by reading or event."""
         return tuple(one for one in self.observations if one.is_criticised)
 
     @property
@@ -215,18 +215,18 @@ class JointModel:
 
     @cached_property
     def places(self) -> Places:
-        """Where the readings stand."""
+        """Return the places of the readings."""
         parts = [one.places for one in self._read]
         return joined_places(parts) if parts else NOWHERE
 
     @property
     def _read(self) -> tuple[Observations, ...]:
-        """Kinds of data with readings; an empty part would change how others are laid out."""
+        """Kinds of data with readings; an empty part would change the layout of others."""
         return tuple(one for one in self.criticised if len(one.places))
 
     @property
     def scales(self) -> dict[str, Scale]:
-        """Units and axes of kinds of readings that have no tables and figures of their own."""
+        """Units and axes of kinds of readings without their own tables and figures."""
         return {name: scale for one in self._read for name, scale in one.scales.items()}
 
     @cached_property
@@ -236,12 +236,12 @@ class JointModel:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """What is held out one after another; `without` and `only` take places in it."""
+        """Groups held out in turn; `without` and `only` take indices into it."""
         return self._held[0].groups if self._held else ()
 
     @cached_property
     def group(self) -> Labels:
-        """Which of the groups each reading belongs to, (n,); empty for those that stay."""
+        """Group of each reading, (n,); empty for readings that are never held out."""
         held = [one.name for one in self._held]
         parts = [
             one.reading_groups if one.name in held else np.full(len(one.places), "")
@@ -251,7 +251,7 @@ class JointModel:
 
     @property
     def _held(self) -> tuple[Observations, ...]:
-        """What is held out, and what was read on the same specimens beside it."""
+        """The held-out data, and further readings on the same specimens."""
         asked = [one for one in self.observations if one.name == self.held]
         usual = [one for one in self.observations if one.priority] if not self.held else []
         if not (asked or usual):
@@ -261,17 +261,17 @@ class JointModel:
 
     @property
     def holds_out_modes(self) -> bool:
-        """Whether what is held out are whole modes of tension."""
+        """Whether whole modes of tension are held out."""
         return any(one.is_by_mode for one in self._held)
 
     @property
     def is_beside(self) -> bool:
-        """Whether what is held out is compared beside the readings, by its density alone."""
+        """Whether the held-out data are compared only by density, besides the readings."""
         return bool(self.held)
 
     @property
     def beside(self) -> tuple[Self, ...]:
-        """The same model, holding out in turn what causes are to be compared on besides."""
+        """The same model, holding out the additional data on which causes are compared."""
         chief = [one.name for one in self._held if one.uses_forward]
         others = [one for one in self.observations if one.beside and chief]
         return tuple(
@@ -279,12 +279,12 @@ class JointModel:
         )
 
     def expected(self, vectors: Floats) -> Floats:
-        """Return readings of specimens that are as the model's mean, (k, n); nan if refused."""
+        """Return readings of average specimens, (k, n); nan if refused."""
         state = self.state(self.table.named(vectors))
         return np.concatenate([one.expected(state) for one in self._read], axis=1)
 
     def scatter(self, vector: Floats) -> Floats:
-        """Return the covariance of readings, of specimens' deviations and of errors, (n, n)."""
+        """Return the covariance of readings from specimen deviations and errors, (n, n)."""
         state = self.state(self.table.named(vector[None]))
         blocks = (block for one in self.criticised for block in one.covariance(state))
         total = np.asarray(block_diag(*blocks))
@@ -298,7 +298,7 @@ class JointModel:
         return total
 
     def _rows_of(self, name: str) -> slice:
-        """Return which of all readings are those of a kind."""
+        """Return the slice of the readings of a kind."""
         before = 0
         for one in self._read:
             if one.name == name:
@@ -307,7 +307,7 @@ class JointModel:
         return slice(0, 0)
 
     def deviations(self, vector: Floats) -> Deviations:
-        """Return what specimens' own deviations do to all readings."""
+        """Return the effect of specimen deviations on all readings."""
         state = self.state(self.table.named(vector[None]))
         found = [one.deviations(state) for one in self.criticised]
         slope, spread, level = zip(*found, strict=True)
@@ -323,12 +323,12 @@ class JointModel:
         return Deviations(joined[:, own], np.concatenate(spread)[own], np.concatenate(level)[own])
 
     def simulated(self, vectors: Floats, generator: np.random.Generator) -> Floats:
-        """Draw readings of new specimens in the same tests, (k, n); nan where refused."""
+        """Draw readings of new specimens in the same tests, (k, n); nan if refused."""
         state = self.state(self.table.named(vectors))
         return np.concatenate([one.simulate(state, generator) for one in self._read], axis=1)
 
     def rest(self) -> Self:
-        """Return the model without its readings: priors, and all that is known besides."""
+        """Return the model without its readings: priors and all other data."""
         kept = tuple(one for one in self.observations if not one.is_criticised)
         return replace(self, observations=kept)
 
@@ -337,7 +337,7 @@ class JointModel:
         return self.only(np.setdiff1d(np.arange(len(self.groups)), groups))
 
     def only(self, groups: NDArray[np.intp]) -> Self:
-        """Return the model with some groups alone; what is not held out stays."""
+        """Return the model with only some groups; data that are never held out stay."""
         kept = {"", *(self.groups[g] for g in groups)}
         held = {one.name: one for one in self._held}
         found = (
@@ -347,7 +347,7 @@ class JointModel:
         return replace(self, observations=tuple(one for one in found if len(one.labels)))
 
     def group_density(self, vectors: Floats) -> Floats:
-        """Return the log density of all that was read on each group, (k, n_groups)."""
+        """Return the log density of all readings of each group, (k, n_groups)."""
         state = self.state(self.table.named(vectors))
         total = np.zeros((len(vectors), len(self.groups)))
         with np.errstate(invalid="ignore"):
@@ -358,14 +358,14 @@ class JointModel:
         return np.where(np.isfinite(total), total, -np.inf)
 
     def compared(self, values: Named) -> list[Compared]:
-        """Return measured means beside what the model has instead."""
+        """Return measured means and the model's values."""
         state = self.state(values)
         return [found for one in self.observations for found in one.compared(state)]
 
     # ---- specimens
 
     def watched(self, report: Callable[[Flags], None]) -> Self:
-        """Return a model that reports which vectors its forward map refused, (n,)."""
+        """Return a model that reports the vectors refused by its forward map, (n,)."""
         world: Any = self.world
         for one in self.observations:
             world = one.watched(world, report)
@@ -398,7 +398,7 @@ class JointModel:
 
     @property
     def curvatures(self) -> Curvature:
-        """What was read on actuators.
+        """Readings of actuators.
 
         Raises
         ------
@@ -440,23 +440,23 @@ class JointModel:
 
     @property
     def paper_thickness(self) -> float:
-        """Of the actuators [mm]."""
+        """Paper thickness of the actuators [mm]."""
         return self.films_and_actuators.paper_thickness
 
     @property
     def largest_pressure(self) -> float:
-        """By which the emulator's common error is scaled [kPa]."""
+        """Pressure that scales the emulator's common error [kPa]."""
         return self.films_and_actuators.largest_pressure
 
     @property
     def degrades(self) -> bool:
-        """Whether anything of the study does; of a forward map of one's own that is not known."""
+        """Whether the study has degradation; unknown for a user's forward map."""
         world = self.world
         return not isinstance(world, FilmsAndActuators) or world.degrades
 
     @property
     def has_elongation(self) -> bool:
-        """Whether the elongation at break is a part of the model."""
+        """Whether the elongation at break is part of the model."""
         return any(p.name == "elongation_scatter" for p in self.base)
 
     def constants(self, values: Named, degradation: Floats) -> Floats:
@@ -544,10 +544,10 @@ class Refusals:
     Parameters
     ----------
     proposed : int
-        Vectors whose density was asked for.
+        Vectors whose density was evaluated.
     refused : int
-        Those that priors and stability allow, but at whose readings the forward map refuses to
-        answer, being outside its training.
+        Those allowed by priors and stability but refused by the forward map as outside its training
+        range.
 
     Examples
     --------
@@ -564,20 +564,20 @@ class Refusals:
 
     @property
     def share(self) -> float:
-        """Refused share of the proposals [–]; 0 of none."""
+        """Refused share of the proposals [–]; 0 without proposals."""
         return self.refused / self.proposed if self.proposed else 0.0
 
 
 def share_outside(model: JointModel, vectors: Floats) -> float:
-    """Return the share of vectors at which the forward map has no answer for some reading [–].
+    """Return the share of vectors with a reading outside the forward map's range [–].
 
-    There the likelihood only leads back inside: a posterior of which much lies there is not to be
-    trusted.
+    There the likelihood only pushes back inside: a posterior with a large share there is
+    unreliable.
 
     Parameters
     ----------
     model : JointModel
-        One that asks no forward map has nothing outside.
+        Without a forward map nothing is outside.
     vectors : array, shape (n, n_parameters)
         Posterior draws.
     """
@@ -589,12 +589,12 @@ def share_outside(model: JointModel, vectors: Floats) -> float:
 
 
 class CountedDensity:
-    """A log density that counts on the way how many vectors a model's forward map refused.
+    """A log density that counts the vectors refused by a model's forward map.
 
     Parameters
     ----------
     density : Density
-        Left as it is; what is no ``JointModel`` refuses nothing.
+        The density; one that is not a ``JointModel`` refuses nothing.
     """
 
     def __init__(self, density: Density) -> None:
@@ -608,7 +608,7 @@ class CountedDensity:
 
     def __call__(self, vectors: Floats) -> Floats:
         """Return the log posterior density of each vector, shape (n,)."""
-        # as many at once as the model takes, which asks its forward map for each part
+        # in the batches of the model, which evaluates its forward map for each
         parts = [vectors[k : k + AT_ONCE] for k in range(0, max(len(vectors), 1), AT_ONCE)]
         return np.concatenate([self._counted(part) for part in parts])
 
@@ -622,7 +622,7 @@ class CountedDensity:
 
     @property
     def refusals(self) -> Refusals:
-        """How many vectors there were so far, and how many nothing but the map refused."""
+        """Number of vectors so far, and of those refused only by the map."""
         refused = self._allowed(np.concatenate(self._refused)) if self._refused else 0
         return Refusals(self._proposed, refused)
 
@@ -630,7 +630,7 @@ class CountedDensity:
         self._outside = self._outside | refused
 
     def _allowed(self, vectors: Floats) -> int:
-        """Count the vectors that nothing but the forward map refuses."""
+        """Count the vectors refused only by the forward map."""
         table = self._model.table
         with np.errstate(all="ignore"):
             possible = np.isfinite(table.log_prior(vectors))
@@ -641,10 +641,10 @@ class CountedDensity:
 def blocks_of(
     model: JointModel, kinds: Iterable[str] | None = None
 ) -> dict[str, dict[str, NDArray[np.intp]]]:
-    """Return the rows of every specimen in every kind of data that it has.
+    """Return the rows of every specimen in every kind of data.
 
-    A film that was stretched and then torn stands in two tables under one name, one that was
-    stretched in two modes has two curves: it is one block.
+    A film that was stretched and then torn is in two tables under one name, one stretched in two
+    modes has two curves: each is one block.
 
     Parameters
     ----------
@@ -656,7 +656,7 @@ def blocks_of(
     Returns
     -------
     dict
-        Rows by specimen and kind, specimens in the order in which they first stand.
+        Rows by specimen and kind, specimens in order of first appearance.
     """
     blocks: dict[str, dict[str, list[int]]] = {}
     chosen = {one.name for one in model.observations} if kinds is None else set(kinds)
@@ -670,7 +670,7 @@ def blocks_of(
 
 
 def without(model: JointModel, specimens: Iterable[str]) -> JointModel:
-    """Return the model for the data without some specimens, in whatever tables they stand.
+    """Return the model without the data of some specimens, in any table.
 
     Priors, parameters and summary statistics stay.
 
@@ -691,17 +691,17 @@ def without(model: JointModel, specimens: Iterable[str]) -> JointModel:
 
 
 def replicate(model: JointModel, values: Named, generator: np.random.Generator) -> JointModel:
-    r"""Return the model with all its data drawn anew, in the same tests of new specimens.
+    r"""Return the model with all data simulated for new specimens in the same tests.
 
-    Every kind of data has the law of its likelihood, but for what the likelihood linearises: the
-    specimens' deviations m of ln stiffness and of the degradation rate of films are drawn and go
-    through the full equations,
+    Every kind of data is drawn from its likelihood, except that nothing is linearised: the
+    specimens' deviations m of ln stiffness and of the degradation rate of films go through the full
+    equations,
 
     .. math:: y = f(m) + \sqrt{v(m)}\, z, \qquad m_k \sim N(0, \tau_k^2)
 
     with z correlated along the path and between the outputs. An actuator bursts at the first
-    pressure that demands more stretch than its own limit, drawn from the law of elongation at
-    break; rows after that are gone.
+    pressure with more stretch than its own limit, drawn from the law of elongation at break; later
+    rows are removed.
 
     Parameters
     ----------
@@ -710,13 +710,13 @@ def replicate(model: JointModel, values: Named, generator: np.random.Generator) 
     values : mapping
         One set of named values, each of shape (1,).
     generator : Generator
-        Draws everything.
+        Source of all draws.
 
     Returns
     -------
     JointModel
-        Readings are nan where the forward map has no answer; where the model knows of elongation
-        at break, an actuator bursts there instead.
+        Readings are nan outside the forward map's range; if the model includes elongation at break,
+        an actuator bursts there instead.
 
     Examples
     --------
@@ -739,15 +739,16 @@ def replicate(model: JointModel, values: Named, generator: np.random.Generator) 
     return replace(model, observations=drawn)
 
 
-JITTER = 0.03  # of vectors about the fit, on the unconstrained scale
+JITTER = 0.03  # spread of vectors about the fit, on the unconstrained scale
 INSIDE = 0.02  # probability that a start stays away from the bounds of its prior
 
 
 def least_squares(model: JointModel) -> Floats:
-    """Return a vector near the mode, from films by least squares, else from prior medians.
+    """Return a vector near the mode, by least squares from films, else from prior medians.
 
     Stress is linear in the control values of the constants, and ln elongation in its values at the
-    nodes, so both have one solution: starts drawn from a prior may lead to another, lower mode.
+    nodes, so both have a unique solution: starts drawn from a prior may lead to a different, lower
+    mode.
 
     Returns
     -------
@@ -766,11 +767,10 @@ def least_squares(model: JointModel) -> Floats:
 def near_films(
     model: JointModel, generator: np.random.Generator, *, count: int = 400
 ) -> Floats | None:
-    """Return the most probable of vectors about the films' least-squares fit; None if none is.
+    """Return the most probable of vectors near the films' least-squares fit, if any is possible.
 
-    None too where nothing is known of the world's limits. What the films say nothing of is drawn
-    from its prior: where the medians of all that demand more of the actuators than the forward map
-    answers, others may not.
+    Also None if the world has no known limits. Parameters not determined by films are drawn from
+    their priors: if their medians lead outside the forward map's range, other values may not.
 
     Parameters
     ----------
@@ -795,5 +795,5 @@ def near_films(
 
 
 def _suggested(model: JointModel) -> dict[str, float]:
-    """Return what kinds of data suggest by themselves."""
+    """Return the start suggested by the kinds of data."""
     return {n: v for one in model.observations for n, v in one.start(model.world).items()}

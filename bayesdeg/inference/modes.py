@@ -1,9 +1,8 @@
-"""A population tempered from a wide law to a posterior, which follows the mass, not the height.
+"""Search for separate modes, and tempering of a population to a posterior.
 
-Climbs from dispersed starts cost little and tell whether to look closer: where they end on
-different tops, or on one about which hardly any of the posterior lies, a population is tempered
-from a wide law to the posterior. It follows the mass, not the height, so it also copes with
-densities that are unbounded at the end of a funnel.
+Mode searches from dispersed starts are cheap: if they end at different modes, or at one with hardly
+any posterior mass around it, a population is tempered from a wide law to the posterior. It follows
+the mass, not the height, so it also copes with densities that are unbounded at the end of a funnel.
 """
 
 from collections.abc import Sequence
@@ -35,19 +34,22 @@ from bayesdeg.inference.laplace import (
 Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
 
-GUESSES = 400  # draws of the prior, from which the wide law takes its width
-PARTICLES, LEFT = 1000, 0.5  # of the population, and the share that each step of tempering leaves
-WIDTH = 1.5  # of the law that tempering begins with, over that of draws of the prior
+GUESSES = 400  # prior draws that determine the width of the wide law
+PARTICLES, LEFT = (
+    1000,
+    0.5,
+)  # size of the population, and share of effective draws left by each tempering step
+WIDTH = 1.5  # width of the initial law of tempering, over that of prior draws
 NORMAL_QUARTILES = 1.349  # between the quartiles of a normal law, in standard deviations
-SWEEPS, ACCEPTED = 40, 4.0  # of moves after each step: at most, and the mean number that suffices
-JUMPS = 0.1  # share of moves by a whole difference, which lead from mode to mode
-JITTER = 1e-3  # of a move, in standard deviations of the population, lest it stay on a lattice
-STEPS = 200  # of tempering, at most: a few dozen do
+SWEEPS, ACCEPTED = 40, 4.0  # moves after each step: largest number, and mean number that suffices
+JUMPS = 0.1  # share of moves by a whole difference, which jump between modes
+JITTER = 1e-3  # jitter of a move, in standard deviations of the population, to avoid a lattice
+STEPS = 200  # most tempering steps: a few dozen suffice
 
 
 @dataclass(frozen=True)
 class _Wide:
-    """A normal law with independent parameters: where tempering begins."""
+    """A normal law with independent parameters, the start of tempering."""
 
     mean: Floats
     sd: Floats
@@ -91,8 +93,8 @@ def tempered(density: Density, generator: np.random.Generator) -> tuple[Floats, 
     values, base = density.log_prob(points), wide.log_density(points)
     if not np.any(np.isfinite(values)):
         raise BayesdegError(
-            "the posterior density is zero wherever its priors were tried: priors and data "
-            "contradict each other, or a prior leaves out what the data show; widen the priors"
+            "the posterior density is zero at all prior draws tried: priors and data "
+            "contradict each other, or a prior excludes what the data show; widen the priors"
         )
     power, level = 0.0, 0.0
     for _ in range(STEPS):
@@ -125,7 +127,7 @@ def _next(log_ratio: Floats, power: float) -> float:
 
 
 def _resampled(log_weights: Floats, generator: np.random.Generator) -> Whole:
-    """Return places drawn by weight, evenly spaced in the sum of the weights."""
+    """Return indices by systematic resampling of weights."""
     weights = np.exp(log_weights - logsumexp(log_weights))
     even = (np.arange(len(weights)) + generator.random()) / len(weights)
     found: Whole = np.minimum(np.searchsorted(np.cumsum(weights), even), len(weights) - 1)
@@ -139,7 +141,7 @@ def _moved(
     power: float,
     generator: np.random.Generator,
 ) -> tuple[Floats, Floats, Floats]:
-    """Move points by differences of pairs of the population as it was, until most have moved."""
+    """Move points by differences of pairs of the initial population, until most have moved."""
     points, values, base = (part.copy() for part in state)
     count, size = points.shape
     pairs, width = state[0], JITTER * spread(state[0])
@@ -167,20 +169,20 @@ def spread(points: Floats) -> Floats:
     return width
 
 
-STARTS = 8  # climbs
-DRAWS = 500  # about each mode, to see how much of the posterior lies there
-# fall of ln p between two tops that makes them two: half a unit comes of rough densities, and a
+STARTS = 8  # mode searches
+DRAWS = 500  # draws around each mode, for its share of the posterior
+# fall of ln p between two modes that separates them: rough densities give half a unit, and a
 # normal law falls by 2 over two standard deviations
 VALLEY, ALONG = 2.0, 17
-FEWEST = 50  # particles that a law is fitted to; below, the mode's normal law is taken
-HIGHER = 0.5  # gain in log density of a further climb, by which the first had not arrived
-SMALLEST = 0.01  # share of the posterior below which a mode is not spoken of
-NEGLIGIBLE = 20.0  # log evidence by which a mode is behind that nothing can hang on
+FEWEST = 50  # fewest particles for fitting a law; below, the mode's normal law is used
+HIGHER = 0.5  # gain in log density of a further search above which the first had not converged
+SMALLEST = 0.01  # share of the posterior below which a mode is not reported
+NEGLIGIBLE = 20.0  # deficit in log evidence above which a mode is irrelevant
 
 
 @dataclass(frozen=True)
 class Mode:
-    """One top of a posterior and what belongs to it.
+    """One mode of a posterior.
 
     Parameters
     ----------
@@ -197,7 +199,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Modes:
-    """What was found of the separate modes of a posterior.
+    """The separate modes of a posterior.
 
     Parameters
     ----------
@@ -222,7 +224,7 @@ def find_modes(
     starts: int = STARTS,
     executor: Executor | None = None,
 ) -> Modes:
-    """Look for separate modes, and weigh them.
+    """Find separate modes and their shares.
 
     Parameters
     ----------
@@ -250,7 +252,7 @@ def find_modes(
         if _about(one, tops, k) >= FEWEST_EFFECTIVE and not _goes_on(density, tops[k])
     ]
     if len(tops) == 1 and not held and not _goes_on(density, tops[0]):
-        # along a ridge a law that is fitted to its own draws may do where the mode's does not
+        # along a ridge a law fitted to its own draws may work where the mode's does not
         samples = [about_mode(density, tops[0], generator, enough=FEWEST_EFFECTIVE)]
         held = [0] if samples[0].effective >= FEWEST_EFFECTIVE else []
     if len(tops) == 1 and held:
@@ -260,18 +262,18 @@ def find_modes(
 
 
 def _climb(density: Density, start: Floats) -> Laplace:
-    with threadpool_limits(limits=1):  # the same bits in whatever process
+    with threadpool_limits(limits=1):  # the same bits in any process
         return approximate(density, np.random.default_rng(0), start=start)
 
 
 def _goes_on(density: Density, top: Laplace) -> bool:
-    """Return whether a climb ended because it was long: there is no top, as in a funnel's neck."""
+    """Return whether a search ended at its limit, without a maximum, as in a funnel's neck."""
     mode, _ = find_mode(density, top.mode)
     return float(density.log_prob(mode[None])[0]) > top.log_density + HIGHER
 
 
 def _about(sample: Evidence, tops: Sequence[Laplace], which: int) -> float:
-    """Return the effective draws of those about one top: of others a tail may hit a few."""
+    """Return the effective draws around one mode; the tails of others may add a few."""
     own = sample.log_weights[nearest(sample.draws, tops) == which]
     return effective_draws(own) if np.any(np.isfinite(own)) else 0.0
 
@@ -298,7 +300,7 @@ def dispersed(density: Density, generator: np.random.Generator, count: int = STA
 
 
 def separate(density: Density, found: Sequence[Laplace]) -> list[Laplace]:
-    """Return those between which the density falls, the highest first; of others the highest."""
+    """Return modes separated by a fall of the density, the highest first."""
     tops: list[Laplace] = []
     for one in sorted(found, key=lambda top: -top.log_density):
         if all(_valley(density, one.mode, other.mode) > VALLEY for other in tops):
@@ -307,7 +309,7 @@ def separate(density: Density, found: Sequence[Laplace]) -> list[Laplace]:
 
 
 def _valley(density: Density, first: Floats, second: Floats) -> float:
-    """Return how far ln p falls along the line between two points, below the lower of them."""
+    """Return the fall of ln p along the line between two points, below the lower of them."""
     share = np.linspace(0.0, 1.0, ALONG)[:, None]
     along = bounded(density, first + share * (second - first))
     return float(min(along[0], along[-1]) - np.min(along))
@@ -341,7 +343,7 @@ def _weighed(
 
 
 def nearest(points: Floats, tops: Sequence[Laplace]) -> Whole:
-    """Return to which mode each point (n, n_parameters) belongs, by the normal laws there, (n,)."""
+    """Return the mode of each point (n, n_parameters), by the normal laws there, (n,)."""
     heights = []
     for top in tops:
         factor = np.linalg.cholesky(top.covariance)
@@ -357,7 +359,7 @@ def _mixture(
     population: Floats,
     generator: np.random.Generator,
 ) -> Evidence:
-    """Sample all modes by a mixture of laws, one a mode, with equal shares of the draws."""
+    """Sample all modes by a mixture with one law per mode and equal shares of draws."""
     member = nearest(population, tops)
     laws = [_law(population[member == k], top, generator) for k, top in enumerate(tops)]
     size = population.shape[1]

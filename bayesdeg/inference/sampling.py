@@ -1,4 +1,4 @@
-"""Draws of independent ensembles, what they may cost, and what they are worth."""
+"""Sampling with independent ensembles until convergence criteria are met."""
 
 import hashlib
 import math
@@ -24,29 +24,29 @@ from bayesdeg.inference.model import CountedDensity, Refusals
 
 Floats = NDArray[np.float64]
 
-LONGEST_LOOK = 8  # steps between looks, at most, in those of the first period
+LONGEST_LOOK = 8  # most steps between checks, in units of the first period
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What sampling may cost, and when it is enough.
+    """Limits and convergence criteria of sampling.
 
     Parameters
     ----------
     effective : float
-        Effective sample size wanted in every parameter.
+        Effective sample size required in every parameter.
     r_hat : float
-        Largest rank-normalised split R̂ across ensembles that is accepted.
+        Largest acceptable rank-normalised split R̂ across ensembles.
     chunk, longest : int
-        Steps of the first period and to the first look at the chain, and steps at most, which are
-        two or more.
+        Steps of the first period and up to the first check of the chain, and most steps, at least
+        two.
     ensembles, kept : int
         Independent ensembles, and draws kept of each.
     times : float
-        Autocorrelation times that every walker must have gone, at least. Without it as many
-        walkers as effective draws are wanted would be enough where they stand.
+        Autocorrelation times required of every walker. Without it, as many walkers as required
+        effective draws would suffice without moving.
     starts : int
-        Dispersed starts from which separate modes are looked for before sampling.
+        Dispersed starts of the search for separate modes before sampling.
     """
 
     effective: float
@@ -59,16 +59,16 @@ class Effort:
     starts: int = 0
 
     def periods(self, *, settled: bool = False) -> tuple[tuple[int, ...], ...]:
-        """Return the steps to each look at the chain, period by period.
+        """Return the steps up to each check of the chain, period by period.
 
-        Moves are fitted anew before each period, to the draws of the one before, and draws of the
-        last period alone are kept; so each is twice as long as the one before. The first is for
-        fitting alone. The last goes on to the limit.
+        Moves are refitted before each period to the draws of the previous one, and only draws of
+        the last period are kept, so each period is twice as long as the previous one. The first is
+        only for fitting. The last continues to the limit.
 
         Parameters
         ----------
         settled : bool
-            Whether the moves of the first period served well: the second is then the last.
+            Whether the moves of the first period performed well: then the second is the last.
 
         Examples
         --------
@@ -102,7 +102,7 @@ def _split(length: int, part: int) -> tuple[int, ...]:
 
 
 def _growing(length: int, least: int, most: int) -> tuple[int, ...]:
-    """Split a length: a look whenever the chain is a quarter longer than at the last."""
+    """Split a length, with a check whenever the chain is a quarter longer than at the last."""
     parts: list[int] = []
     while (done := sum(parts)) < length:
         parts.append(min(max(least, done // 4), most, length - done))
@@ -118,20 +118,20 @@ EFFORTS = {
 
 @dataclass(frozen=True)
 class Standing:
-    """How far sampling is.
+    """State of sampling.
 
     Parameters
     ----------
     steps, kept : int
-        Steps done, and those of the draws that would be kept now; none while moves are fitted.
+        Steps done, and steps of the draws that would be kept now; 0 while moves are fitted.
     effective, r_hat : float
-        Smallest bulk effective sample size and largest R̂ of the kept draws; nan of none.
+        Smallest bulk effective sample size and largest R̂ of the kept draws; nan without any.
     times : float
-        Autocorrelation times that the walkers have gone; nan of none.
+        Autocorrelation times covered by the walkers; nan without any.
     resumed : int
-        Steps that an earlier run had done.
+        Steps done by an earlier run.
     settled : bool
-        Whether moves are fitted no more.
+        Whether fitting of moves has ended.
     slowest : tuple of int
         Parameters with that effective sample size and that R̂.
     """
@@ -146,7 +146,7 @@ class Standing:
     slowest: tuple[int, ...] = ()
 
     def steps_wanted(self, effort: Effort) -> float:
-        """Return how many kept steps would meet an effort's criteria; nan while none are kept.
+        """Return the number of kept steps needed for an effort's criteria; nan if none are kept.
 
         Effective draws grow with the steps, and R̂ − 1 falls with them.
 
@@ -186,7 +186,7 @@ class Chain:
     acceptance : array, shape (n_ensembles,)
         Accepted share of proposals.
     refusals : Refusals
-        How many proposals the emulator refused, burn-in included.
+        Number of proposals refused by the emulator, burn-in included.
     """
 
     vectors: Floats
@@ -197,7 +197,7 @@ class Chain:
     def r_hat(self, which: Sequence[int] | None = None) -> Floats:
         """Rank-normalised split R̂ of each parameter, or of some, ensembles as chains.
 
-        The walkers of one ensemble move by one another, so they are no independent chains.
+        The walkers of one ensemble depend on each other, so they are not independent chains.
         """
         ensembles, steps, walkers, size = self.vectors.shape
         draws = self.vectors.reshape(ensembles, steps * walkers, size)
@@ -205,7 +205,7 @@ class Chain:
 
     @property
     def by_walker(self) -> Floats:
-        """The vectors walker by walker, (ensembles, walkers, steps, n_parameters), as files are."""
+        """The vectors by walker, (ensembles, walkers, steps, n_parameters), as in files."""
         return np.swapaxes(self.vectors, 1, 2)
 
     def effective(self, method: str = "bulk", which: Sequence[int] | None = None) -> Floats:
@@ -223,17 +223,17 @@ class Chain:
     def autocorrelation_time(self) -> Floats:
         """Return τ of each parameter [steps]: draws over effective draws of the bulk.
 
-        It cannot be seen to be longer than the chain itself.
+        It cannot be estimated beyond the length of the chain.
         """
         ensembles, steps, walkers, _ = self.vectors.shape
         time: Floats = ensembles * steps * walkers / self.effective()
         return time
 
     def judged(self, standing: Standing, effort: Effort | None = None) -> Standing:
-        """Return a standing with what the chain's draws are worth.
+        """Return a state with the diagnostics of the chain.
 
-        With an effort, and as long as the parameters that were slowest before do not meet it, they
-        alone are looked at.
+        With an effort, only the previously slowest parameters are checked while they do not meet
+        it.
         """
         if effort is not None and standing.slowest:
             some = self._worth(standing, standing.slowest)
@@ -255,9 +255,9 @@ class Chain:
         )
 
     def thinned(self, kept: int) -> Self:
-        """Return the whole ensembles of evenly spaced steps, about ``kept`` draws of each ensemble.
+        """Return whole ensembles at evenly spaced steps, about ``kept`` draws of each ensemble.
 
-        A step is kept with all its walkers: single draws at even spacing would follow the same few
+        Steps are kept with all walkers: evenly spaced single draws would follow the same few
         walkers through the chain. At least one step is kept.
         """
         _, steps, walkers, _ = self.vectors.shape
@@ -277,7 +277,7 @@ Arrays = Mapping[str, NDArray[np.generic]]
 
 @dataclass(frozen=True)
 class RandomState:
-    """State of a Mersenne twister, as emcee has it.
+    """State of a Mersenne twister, as used by emcee.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ class RandomState:
     position : int
         Within the keys.
     has_spare : int
-        Whether the second of a pair of normal numbers waits.
+        Whether the second of a pair of normal numbers is stored.
     spare : float
         That number.
     """
@@ -296,13 +296,13 @@ class RandomState:
     spare: float
 
     def legacy(self) -> tuple[str, NDArray[np.uint32], int, int, float]:
-        """Return the tuple that ``RandomState.set_state`` takes."""
+        """Return the tuple for ``RandomState.set_state``."""
         return ("MT19937", self.keys, self.position, self.has_spare, self.spare)
 
 
 @dataclass(frozen=True)
 class Position:
-    """Where an ensemble is.
+    """Position of an ensemble.
 
     Parameters
     ----------
@@ -318,14 +318,14 @@ class Position:
 
 @dataclass(frozen=True)
 class Task:
-    """All that decides what an ensemble does next, but for the density.
+    """Everything but the density that determines the next piece of an ensemble.
 
     Parameters
     ----------
     position : Position
-        Where it begins.
+        Start of the piece.
     proposal : Proposal
-        Law that moves are made of.
+        Proposal law of the moves.
     steps : int
         How many.
     """
@@ -335,7 +335,7 @@ class Task:
     steps: int
 
     def key(self) -> str:
-        """Return a hash of the task's very bits."""
+        """Return a hash of the task's bits."""
         position, warp = self.position, self.proposal.warp
         parts: tuple[NDArray[np.generic], ...] = (
             position.vectors,
@@ -351,7 +351,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Piece:
-    """What an ensemble did.
+    """A piece of an ensemble's chain.
 
     Parameters
     ----------
@@ -373,7 +373,7 @@ class Piece:
 
     @property
     def end(self) -> Position:
-        """Where the ensemble is at the end."""
+        """Position of the ensemble at the end."""
         return Position(self.vectors[-1], self.log_prob[-1], self.random)
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
@@ -391,7 +391,7 @@ class Piece:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> "Piece":
-        """Return the piece of what ``arrays`` gave."""
+        """Return the piece from the result of ``arrays``."""
         position, has_spare = (int(v) for v in arrays["random_position"])
         keys = np.asarray(arrays["random_keys"], dtype=np.uint32)
         random = RandomState(keys, position, has_spare, float(arrays["random_spare"][0]))
@@ -408,7 +408,7 @@ class ChainStore(Protocol):
     """Keeps pieces of chains."""
 
     def load(self, ensemble: int, number: int, key: str) -> Piece | None:
-        """Return a piece if it is there, whole, and of the task with this key."""
+        """Return a piece if it exists, is whole and belongs to the task with this key."""
 
     def save(self, ensemble: int, number: int, key: str, piece: Piece) -> None:
         """Keep a piece."""
@@ -441,16 +441,21 @@ def digest(arrays: Arrays) -> str:
 
 
 FEWEST_A_PARAMETER = 10.0  # effective draws, at least
-FITTED = 4000  # draws that the first law is fitted to
-PLANE = 1e-9  # least singular value over the largest of draws that fill the space
-JITTERS = (0.1, 0.01, 1e-3, 1e-5)  # of walkers, in standard deviations, the first that is possible
-DROP = 2.0  # of log density, by which the width of a parameter is found
-WIDENED = 2000  # draws about a single point
+FITTED = 4000  # draws for fitting the first law
+PLANE = 1e-9  # smallest over largest singular value of draws that span the space
+JITTERS = (
+    0.1,
+    0.01,
+    1e-3,
+    1e-5,
+)  # jitter of walkers, in standard deviations; the first possible one is used
+DROP = 2.0  # drop of log density that defines the width of a parameter
+WIDENED = 2000  # draws around a single point
 
 
 @dataclass(frozen=True)
 class Start:
-    """Equally weighted draws that fill the space, and a law fitted to them.
+    """Equally weighted draws that span the space, and a law fitted to them.
 
     Parameters
     ----------
@@ -459,7 +464,7 @@ class Start:
     proposal : Proposal
         Law of the draws.
     faithful : bool
-        Whether the draws are of the posterior itself, not of something wider or narrower.
+        Whether the draws are of the posterior itself, not of a wider or narrower law.
     """
 
     draws: Floats
@@ -467,9 +472,9 @@ class Start:
     faithful: bool = False
 
     def walkers(self, density: Density, generator: np.random.Generator, count: int) -> Floats:
-        """Return possible vectors (count, n_parameters), all different, in no plane.
+        """Return distinct possible vectors (count, n_parameters) that span the space.
 
-        They are draws, jittered by a tenth of their spread, or less where that is impossible.
+        They are draws jittered by a tenth of their spread, or less if that is impossible.
         """
         chosen = self.draws[generator.integers(len(self.draws), size=count)]
         vectors, left = chosen.copy(), np.ones(count, dtype=bool)
@@ -483,12 +488,11 @@ class Start:
 
 
 def start_of(density: Density, importance: Evidence, generator: np.random.Generator) -> Start:
-    """Return where to start from an importance sample.
+    """Return the start from an importance sample.
 
-    Where that has few effective draws its log weights are multiplied by a number below 1: the
-    draws are then those of a law between proposal and posterior. Where its draws lie in a plane,
-    or are a single point, they are replaced by draws about the best, as wide in each parameter as
-    the density is there.
+    If it has few effective draws its log weights are multiplied by a number below 1: the draws then
+    follow a law between proposal and posterior. If its draws lie in a plane or coincide, they are
+    replaced by draws around the best, as wide in each parameter as the density there.
 
     Raises
     ------
@@ -499,7 +503,7 @@ def start_of(density: Density, importance: Evidence, generator: np.random.Genera
     if not possible.any():
         raise BayesdegError(
             "the posterior density is zero at every starting point: priors and data contradict "
-            "each other, or a prior leaves out what the data show; widen the priors"
+            "each other, or a prior excludes what the data show; widen the priors"
         )
     draws, log_weights = importance.draws[possible], importance.log_weights[possible]
     wanted = FEWEST_A_PARAMETER * draws.shape[1]
@@ -513,7 +517,7 @@ def start_of(density: Density, importance: Evidence, generator: np.random.Genera
 
 
 def lie_in_a_plane(draws: Floats) -> bool:
-    """Return whether draws (n, n_parameters) leave a direction of the space out.
+    """Return whether draws (n, n_parameters) do not span the space.
 
     Examples
     --------
@@ -522,7 +526,7 @@ def lie_in_a_plane(draws: Floats) -> bool:
     (True, False)
     """
     deviation = draws - np.mean(draws, axis=0)
-    # rounding of the mean leaves something of a constant
+    # by rounding of the mean a constant has a small remainder
     constant = np.ptp(draws, axis=0) <= 1e-14 * np.max(np.abs(draws), axis=0)
     if constant.any():
         return True
@@ -540,7 +544,7 @@ def _tempered(log_weights: Floats, wanted: float) -> Floats:
 
 
 def _widened(density: Density, draws: Floats, generator: np.random.Generator) -> Floats:
-    """Draw about the best of some vectors, as wide in each parameter as the density is."""
+    """Draw around the best of some vectors, as wide in each parameter as the density."""
     values = density.log_prob(draws)
     best = draws[int(np.argmax(values))]
     size, top = len(best), float(np.max(values))
@@ -555,8 +559,8 @@ def _widened(density: Density, draws: Floats, generator: np.random.Generator) ->
     possible: Floats = around[np.isfinite(density.log_prob(around))]
     if len(possible) <= size or lie_in_a_plane(possible):
         raise BayesdegError(
-            "the posterior density is zero all about its best starting point: a parameter is held "
-            "by the data or a prior to a single value; give it a wider prior"
+            "the posterior density is zero all around its best starting point: data or a prior fix "
+            "a parameter to a single value; give it a wider prior"
         )
     return possible
 
@@ -564,15 +568,15 @@ def _widened(density: Density, draws: Floats, generator: np.random.Generator) ->
 __all__ = ["EFFORTS", "Chain", "Effort", "Standing", "sample"]
 
 
-# shares of the steps; chosen by benchmarks/sampler_moves.py. Independent proposals are worth most
-# where the posterior is nearly the fitted law; differential evolution gets through where it is not
+# shares of the steps, from benchmarks/sampler_moves.py. Independent proposals are most efficient if
+# the posterior is close to the fitted law; differential evolution works if it is not
 INDEPENDENT, DIFFERENTIAL = 0.8, 0.2
-# accepted share from which fitting the moves once is enough: a better law would not gain the steps
-# that a further period costs
+# acceptance above which fitting the moves once is enough: a better law would not repay a further
+# period
 SERVED = 0.2
-# how many times as many autocorrelation times must be wanted as were gone. Little: in a chain of
-# few they look shorter than they are; the law of a study with flaws took 170 to 440 steps, where
-# fitted anew it took 185
+# ratio of required to covered autocorrelation times that triggers refitting. Small, since in a
+# short chain the times are underestimated; the law of a study with flaws took 170 to 440 steps,
+# refitted 185
 SLOW = 1.2
 
 
@@ -589,19 +593,19 @@ def sample(
     """Sample a posterior with independent ensembles until the effort's criteria are met.
 
     Walkers start from draws of the posterior's importance sample, each ensemble from its own. Most
-    moves are independent proposals from a law that is fitted to the draws of all ensembles; the
-    others are differential evolution, which needs no fit. The law is fitted anew before each
-    period of the effort and stays as it is within it; where the start has many effective draws and
-    their law served well already, the second period is the last, unless it turns out slow. Only
-    draws of the last period are kept, so that detailed balance holds for all of them. The same seed
-    gives the same chain whatever the executor, the threads, and what the store held before.
+    moves are independent proposals from a law fitted to the draws of all ensembles; the others are
+    differential evolution, which needs no fit. The law is refitted before each period of the effort
+    and fixed within it; if the start has many effective draws and their law performs well, the
+    second period is the last, unless it turns out slow. Only draws of the last period are kept, so
+    that detailed balance holds for all of them. The same seed gives the same chain whatever the
+    executor, the threads and the content of the store.
 
-    A posterior of several separate modes is explored about the one that the start knows of.
+    A posterior with several separate modes is explored around the one in the start.
 
     Parameters
     ----------
     density : Density
-        Evaluated for a whole ensemble, or half of one, at once.
+        Evaluated for a whole or half ensemble at once.
     start : Evidence
         Importance sample to start from.
     effort : Effort
@@ -609,19 +613,19 @@ def sample(
     seed : SeedSequence
         Every ensemble gets its own child.
     executor : Executor, optional
-        Runs the ensembles side by side.
+        Runs the ensembles in parallel.
     on_chunk : callable, optional
-        Called with the standing after every look.
+        Called with the state after every check.
     store : ChainStore, optional
-        Keeps what was done, and gives it back to a run that was interrupted.
+        Keeps finished pieces for resuming an interrupted run.
 
     Raises
     ------
     BayesdegError
-        If the density is zero wherever the sampler could start.
+        If the density is zero at every possible start.
     """
     run = partial(_run, density, executor, store or NoStore())
-    # one thread: the same sums in the same order, hence the same bits, in whatever process
+    # one thread: the same sums in the same order, hence the same bits, in any process
     with threadpool_limits(limits=1):
         first, *others = seed.spawn(1 + effort.ensembles)
         begun = start_of(density, start, np.random.default_rng(first))
@@ -658,9 +662,9 @@ def sample(
 
 
 def _slow(standing: Standing, effort: Effort) -> bool:
-    """Whether a settled law moves the walkers so slowly that a better one is worth a period.
+    """Whether a settled law mixes so slowly that refitting is worth a period.
 
-    Looked at where the second period of an effort whose moves are not settled would end.
+    Checked where the second period of an effort with unsettled moves would end.
     """
     due = standing.settled and standing.kept >= 2 * effort.chunk
     return due and SLOW * standing.times <= effort.times
@@ -680,9 +684,9 @@ def _run(
     number: int,
     tasks: Sequence[Task],
 ) -> tuple[list[Piece], int]:
-    """Do the tasks of all ensembles, but for those whose pieces are kept.
+    """Run the tasks of all ensembles, except those with stored pieces.
 
-    Returns also how many steps there was nothing to do for.
+    Also returns the number of steps taken from the store.
     """
     keys = [task.key() for task in tasks]
     pieces = {i: piece for i, k in enumerate(keys) if (piece := store.load(i, number, k))}
@@ -696,7 +700,7 @@ def _run(
 
 
 def advance(density: Density, task: Task) -> Piece:
-    """Let one ensemble do a task: the same bits in whatever process."""
+    """Run a task of one ensemble, with the same bits in any process."""
     walkers, size = task.position.vectors.shape
     counted = CountedDensity(density)
     sampler = emcee.EnsembleSampler(
@@ -719,7 +723,7 @@ def advance(density: Density, task: Task) -> Piece:
 
 
 def moves_of(proposal: Proposal) -> list[tuple[emcee.moves.Move, float]]:
-    """Return the moves that sampling makes, with their shares of the steps."""
+    """Return the moves of sampling with their shares of the steps."""
     return [
         (emcee.moves.MHMove(proposal.independent), INDEPENDENT),
         (emcee.moves.DEMove(), DIFFERENTIAL),
@@ -727,7 +731,7 @@ def moves_of(proposal: Proposal) -> list[tuple[emcee.moves.Move, float]]:
 
 
 def _fitted(chain: Chain, *, served: bool) -> Proposal:
-    """Fit a law to a period; walkers sent about by a poor one are still on their way at first."""
+    """Fit a law to a period, without its first part, which a poor law may have disturbed."""
     vectors = chain.vectors if served else chain.vectors[:, chain.vectors.shape[1] // 2 :]
     return Proposal.fit(vectors.reshape(-1, vectors.shape[-1]), degrees=FOR_WALKERS)
 

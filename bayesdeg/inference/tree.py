@@ -1,4 +1,4 @@
-"""A chain as a DataTree: parameters by name and, of a model with data, densities and readings."""
+"""Conversion of a chain to a DataTree with parameters, densities and readings."""
 
 from collections.abc import Mapping
 
@@ -22,15 +22,15 @@ OBSERVED = ("log_likelihood", "posterior_predictive", "observed_data", "constant
 def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) -> xr.DataTree:
     """Return the chain as an arviz DataTree.
 
-    Groups: ``posterior`` (named parameters, in the users' units), ``sample_stats`` (``lp``); of a
-    ``JointModel`` also ``log_likelihood`` (``joint``: all that was read on each specimen, for
+    Groups: ``posterior`` (named parameters, in the users' units), ``sample_stats`` (``lp``); for a
+    ``JointModel`` also ``log_likelihood`` (``joint``: all readings of each specimen, for
     ``arviz.loo``; as coordinates its parts: each reading given those before it on its specimen,
     and whole specimens by kind of data), ``posterior_predictive``, ``observed_data``,
     ``constant_data``. Chains are ensembles.
     """
     ensembles, steps, walkers, size = chain.vectors.shape
     shape = (ensembles, steps * walkers)
-    # walker by walker, so that neighbours in the tree are as much alike as the chain's own steps
+    # by walker, so that neighbours in the tree have the autocorrelation of the chain
     values = density.table.named(chain.by_walker.reshape(-1, size))
     groups: Groups = {
         "posterior": {name: v.reshape(shape) for name, v in values.items()},
@@ -52,9 +52,9 @@ def _add_likelihoods(
     """Add log densities of whole specimens, by kind of data and jointly.
 
     Given the parameters, the readings of a specimen in different tables are independent, so their
-    log densities add up to its joint one; a summary statistic is a specimen of its own. The joint
-    ones sum to the log likelihood. They are what ``arviz.loo`` leaves out one by one: whole
-    specimens, not single points of a curve.
+    log densities add up to its joint one; a summary statistic counts as a specimen. The joint ones
+    sum to the log likelihood. ``arviz.loo`` leaves these out one by one: whole specimens, not
+    single points of a curve.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def _add_likelihoods(
         f"{one.name}_specimen": np.array(list(one.labels)) for one in model.observations
     }
     blocks = _blocks(model)
-    joint = np.empty((shape[0] * shape[1], len(blocks)))  # of no column where there are no data
+    joint = np.empty((shape[0] * shape[1], len(blocks)))  # without columns if there are no data
     for column, (_, found) in enumerate(blocks):
         joint[:, column] = sum(by_kind[k][:, rows].sum(axis=-1) for k, rows in found.items())
     densities[JOINT] = joint
@@ -97,10 +97,10 @@ def _blocks(model: JointModel) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
 
 
 def _with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
-    """Leave the joint density as the one data variable of ``log_likelihood``.
+    """Make the joint density the only data variable of ``log_likelihood``.
 
-    ``arviz.loo`` takes the one that there is, and refuses to choose among several. The others keep
-    their names and places as coordinates: ``tree.log_likelihood["curvature"]`` and
+    ``arviz.loo`` takes a single variable and refuses to choose among several. The others keep their
+    names as coordinates: ``tree.log_likelihood["curvature"]`` and
     ``arviz.loo(tree, var_name="curvature")`` find them.
     """
     whole = tree["log_likelihood"].to_dataset()
@@ -112,7 +112,7 @@ def _with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
 def _stored_readings(
     model: JointModel, values: dict[str, Floats], generator: np.random.Generator
 ) -> list[Stored]:
-    """Return what is kept of the readings, their densities and replicates."""
+    """Return the readings, their densities and replicates to keep."""
     state, tests = model.state(values), model.tests(values)
     return [kept for one in model.observations for kept in one.stored(state, tests, generator)]
 
@@ -136,7 +136,7 @@ def _add_observations(
 
 
 def _label_observations(tree: xr.DataTree, stored: list[Stored]) -> xr.DataTree:
-    """Let the observations carry specimen, pressure and degradation rate."""
+    """Add specimen, pressure and degradation rate as coordinates of the observations."""
     for one in stored:
         coords = {name: (one.axis, values) for name, values in one.labels.items()}
         for name in OBSERVED:

@@ -1,4 +1,4 @@
-"""A posterior takes in further data: weights of its draws, and a refit where these do not do."""
+"""Updating a posterior with further data: reweighting its draws, or refitting."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -20,13 +20,13 @@ Floats = NDArray[np.float64]
 ENOUGH = 4000.0
 """Effective draws: standard deviations are then known to 1.1 %, the worst of 30 to 2.5 %."""
 
-FEWEST = 400.0  # with which an answer is still given: what a standard run wants of its chain
-RELIABLE_K = 0.7  # Pareto k above which weights are not to be relied on, see `Evidence`
-ROUNDS = 6  # laws that are fitted one after the other, each to all that was drawn before
+FEWEST = 400.0  # fewest effective draws accepted: as required of a standard run's chain
+RELIABLE_K = 0.7  # Pareto k above which weights are unreliable, see `Evidence`
+ROUNDS = 6  # laws fitted one after the other, each to all earlier draws
 
 
 class Method(StrEnum):
-    """How a posterior took in further data."""
+    """Method of updating a posterior."""
 
     WEIGHTS = "weights"
     REFIT = "refit"
@@ -35,7 +35,7 @@ class Method(StrEnum):
 
 @dataclass(frozen=True)
 class Updated:
-    """A posterior of earlier and further data together.
+    """The posterior of earlier and further data.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ class Updated:
 
     @property
     def reliable(self) -> bool:
-        """Whether the posterior may be used."""
+        """Whether the posterior is usable."""
         return is_reliable(self.posterior) and self.posterior.effective >= FEWEST
 
 
 def is_reliable(sample: Evidence) -> bool:
-    """Return whether the tail of a sample's weights is light enough; equal weights have none."""
+    """Return whether the tail of a sample's weights is light enough; equal weights have no tail."""
     return sample.effective > 0.0 and not sample.pareto_k > RELIABLE_K
 
 
@@ -74,7 +74,7 @@ def take_in(
     independent: float = 1.0,
     enough: float = ENOUGH,
 ) -> Updated:
-    """Return the posterior with further readings of actuators.
+    """Return the posterior with further actuator readings.
 
     Parameters
     ----------
@@ -111,15 +111,15 @@ def reweighted(
     densities: Floats,
     specimens: Iterable[str],
 ) -> Evidence:
-    r"""Weigh draws of a posterior by what further readings say.
+    r"""Weight draws of a posterior by further readings.
 
-    Readings of different specimens are independent given the parameters, so all but those with
+    Readings of different specimens are independent given the parameters, so specimens without
     further readings cancel:
 
     .. math:: \ln w = \sum_s \ln p(y_s, y'_s \mid \theta) - \ln p(y_s \mid \theta)
 
-    A specimen's readings share its own deviation of stiffness, hence further ones y' of an earlier
-    specimen are weighed together with its earlier ones y.
+    A specimen's readings share its deviation of stiffness, hence further ones y' of an earlier
+    specimen are evaluated together with its earlier ones y.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def reweighted(
 def _log_likelihood(
     model: JointModel, specimens: frozenset[str], values: dict[str, Floats]
 ) -> Floats:
-    """Return the log density of all that was read on some actuators, (n,)."""
+    """Return the log density of all readings of some actuators, (n,)."""
     curves = model.curvatures.curves
     rows = np.flatnonzero([name in specimens for name in curves.specimens])
     if not len(rows):
@@ -160,7 +160,7 @@ def _log_likelihood(
 def _refit(
     after: JointModel, start: Evidence, generator: np.random.Generator, enough: float
 ) -> Evidence:
-    """Draw from one fitted law after another, and pool what is reliable of all that was drawn."""
+    """Draw from one fitted law after another, and pool the reliable samples."""
     pooled = start if is_reliable(start) else replace(start, effective=0.0)
     for _ in range(ROUNDS if np.isfinite(start.log_weights).sum() > len(after.table) else 0):
         sample = refitted(after, start, generator)
@@ -174,7 +174,7 @@ def _refit(
 
 
 def _pooled(first: Evidence, second: Evidence) -> Evidence:
-    """Return two samples of one posterior as one, each with the weight of its effective draws."""
+    """Pool two samples of one posterior, weighted by effective draws."""
     samples = [one for one in (first, second) if one.effective > 0.0]
     log_weights = [
         one.log_weights - logsumexp(one.log_weights) + np.log(one.effective) for one in samples
@@ -201,10 +201,9 @@ def _about_mode(
 
 
 def drawn_evenly(sample: Evidence, generator: np.random.Generator, count: int) -> NDArray[np.intp]:
-    """Return places (count,) of draws of equal weight, each as often as its weight wants it.
+    """Return indices (count,) of equally weighted draws, each in proportion to its weight.
 
-    Systematic resampling: a draw of weight w is taken ⌊w count⌋ or ⌈w count⌉ times. The order is
-    random.
+    Systematic resampling: a draw of weight w appears ⌊w count⌋ or ⌈w count⌉ times, in random order.
 
     Examples
     --------

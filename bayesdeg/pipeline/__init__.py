@@ -1,1 +1,1 @@
-"""A study becomes a run folder: the order of the work."""
+"""From a study to a run folder: the stages of the work."""

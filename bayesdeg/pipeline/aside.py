@@ -1,4 +1,4 @@
-"""What of a study is set aside, since it does not belong with the rest."""
+"""Exclusion of outlying specimens and readings from a study."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -19,16 +19,16 @@ from bayesdeg.observations.tensile import FILM
 BY_READING = (Oddity.READING, Oddity.JUMP, Oddity.CUT_OFF, Oddity.EDGE)
 READ = ("curvature_per_m", "bend_angle_deg")
 TABLES = {ACTUATOR: "actuator", FILM: "tensile"}
-"""Tables by the family of readings; suspects of others are told and not set aside."""
+"""Tables by family of readings; suspects in other tables are reported but not set aside."""
 FILES = {"actuator.csv": "actuator", "tensile.csv": "tensile"} | dict.fromkeys(
     ("markers.csv", "photos.csv", "captures.csv"), "actuator"
 )
-"""The same tables by the files that they are read from."""
+"""The same tables by file."""
 
 
 @dataclass(frozen=True)
 class Aside:
-    """What is set aside for one suspect.
+    """The data excluded because of one suspect.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Aside:
 
 
 def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Aside, ...]:
-    """Return what is set aside for suspects of a model."""
+    """Return the data to exclude because of the suspects of a model."""
     return tuple(_aside(model.places, suspect) for suspect in found)
 
 
@@ -73,7 +73,7 @@ def _aside(places: Places, suspect: Suspect) -> Aside:
 def readings_at(
     places: Places, rows: NDArray[np.bool_]
 ) -> tuple[tuple[str, float, str, float], ...]:
-    """Return which readings stand in some rows of the observations, as `Aside` names them."""
+    """Return the readings in some rows of the observations, as `Aside` names them."""
     keys = {
         (
             str(places.specimen[i]),
@@ -87,10 +87,10 @@ def readings_at(
 
 
 def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
-    """Return a study without what is set aside.
+    """Return a study without the excluded data.
 
-    Specimens leave their table; of single readings of actuators the row stays, with what was read
-    empty, so that pressure and rupture are still known, unless no prediction goes so far.
+    Specimens are removed from their table. For single readings of actuators the row stays with an
+    empty reading, so that pressure and rupture are still known, unless no prediction reaches it.
     """
     changed: dict[str, Any] = {}
     for one in aside:
@@ -102,7 +102,7 @@ def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
 
 
 def is_set_aside(table: pd.DataFrame, aside: Iterable[Aside]) -> NDArray[np.bool_]:
-    """Return which rows of a table are set aside, (n_rows,)."""
+    """Return a mask of the excluded rows of a table, (n_rows,)."""
     specimen, found = table["specimen_id"].astype(str), np.zeros(len(table), dtype=bool)
     for one in aside:
         if one.readings:
@@ -146,7 +146,7 @@ def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:
 
 
 def _keys(table: pd.DataFrame, name: str) -> list[tuple[str, float, str, float]]:
-    """Return specimen, path, history and time of each row, as `Places` has them."""
+    """Return specimen, path, history and time of each row, as in `Places`."""
     specimen = table["specimen_id"].astype(str)
     if name == "tensile":
         along, history, time = table["stretch"], table["mode"].astype(str), None

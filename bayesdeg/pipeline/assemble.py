@@ -1,6 +1,6 @@
-"""A study becomes the base model: which data, parameters and priors, and which code of its own.
+"""The base model of a study: data, parameters, priors and the study's own code.
 
-Functions and causes that a study folder brings along fail with faults that name file and line.
+Errors in functions and causes of a study folder become faults that name file and line.
 """
 
 import hashlib
@@ -49,12 +49,12 @@ from bayesdeg.report.record import ForwardMapEntry
 
 Floats = NDArray[np.float64]
 
-DRAWS = 32  # from the priors, at which a forward map is tried
+DRAWS = 32  # prior draws at which a forward map is tried
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """The base model of a study and what surrounds it.
+    """The base model of a study and what belongs to it.
 
     Parameters
     ----------
@@ -101,17 +101,17 @@ class Assembly:
 
     @cached_property
     def answers(self) -> ForwardMapEntry | None:
-        """Where the user's own forward map has no answer, and its noise; asked once."""
+        """Where the user's forward map fails, and its noise; evaluated once."""
         return None if self.own is None else answers_of(self.model)
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """All causes that a model of the study may have, each once, with the priors it states."""
+        """All causes that a model of the study may have, with the priors of the study."""
         known = {one.name: one for one in (*self.candidates, *self.alike, *self.of_counts)}
         return tuple(known.values())
 
     def extended(self, *causes: Cause) -> JointModel:
-        """Return the model with causes active, fitted to all that such a model is fitted to.
+        """Return the model with active causes and the data that it is fitted to.
 
         Raises
         ------
@@ -121,10 +121,10 @@ class Assembly:
         return self.with_its_counts(self.model.extended(*causes))
 
     def with_its_counts(self, model: JointModel) -> JointModel:
-        """Return a model with published counts of ruptures as data, if one of its causes says so.
+        """Return a model with published rupture counts as data, if one of its causes needs them.
 
-        A cause that acts on rupture alone makes them data. Without one they are held against the
-        model, see `bayesdeg.observations.counts`.
+        A cause that acts only on rupture makes them data. Otherwise they only test the model, see
+        `bayesdeg.observations.counts`.
         """
         are_data = any(cause.is_of_rupture_alone for cause in model.causes)
         if self.counts is None or not are_data:
@@ -135,7 +135,7 @@ class Assembly:
 def assemble_own(
     own: OwnMap, parameters: Iterable[Parameter], candidates: Iterable[Cause] = ()
 ) -> Assembly:
-    """Build the base model of readings and a forward map of one's own.
+    """Build the base model of readings and a user's forward map.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def assemble_own(
 
 
 def _assemble_study(study: Study) -> Assembly:
-    """Build the base model of a study of one's own forward map, with the causes that it brings.
+    """Build the base model of a study with its own forward map and causes.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def _assemble_study(study: Study) -> Assembly:
     try:
         base = own.model(stated.forward.parameters)
     except BayesdegError as fault:
-        raise StudyError([Fault("study.toml", str(fault), "change the names")]) from fault
+        raise StudyError([Fault("study.toml", str(fault), "rename one of them")]) from fault
     check_priors(stated.priors, with_causes(base.base, causes).names)
     tried = tuple(
         replace(one, parameters=stated_priors(one, study))
@@ -169,7 +169,7 @@ def _assemble_study(study: Study) -> Assembly:
     )
     known = [cause.name for cause in causes]
     unknown = [
-        Fault("study.toml", "is no cause of this study",
+        Fault("study.toml", "is not a cause of this study",
               use_one_of(name, known) if known else "add causes/NAME.py",
               None, "causes.candidates", name)
         for name in stated.candidates or () if name not in known
@@ -180,7 +180,7 @@ def _assemble_study(study: Study) -> Assembly:
     least = {read.parameter_of("error"): ROUNDING * study.digits.get(read.name, 0.0)}
     model = replace(base, base=with_priors(with_least(base.base, least), stated.priors))
     try_out(study, model, tried)
-    absent = (("causes/*.py", "no cause can be named, only a misfit be found"),)
+    absent = (("causes/*.py", "no cause can be named; only a misfit can be found"),)
     return Assembly(model, tried, {}, () if tried else absent, own=own)
 
 
@@ -241,17 +241,17 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
 
 
 def batches_of(study: Study) -> dict[str, str]:
-    """Return the batch of each specimen, where a table says of which it is."""
+    """Return the batch of each specimen, if a table records it."""
     return recorded_batches(study.actuator) | recorded_batches(study.tensile)
 
 
 def _stiffening(study: Study, plan: Outline) -> float:
-    """Return C3/C1 where C3 is no parameter."""
+    """Return C3/C1 if C3 is not a parameter."""
     return LEAST_STIFFENING if study.settings.law == "neo_hookean" and plan.needs_forward else 0.0
 
 
 def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the degradation rates at which predictions are shown [%]."""
+    """Return the degradation rates of predictions [%]."""
     top = max(model.nodes)
     return np.array(model.nodes) if top == 0.0 else np.arange(0.0, top + 1e-9, 5.0)
 
@@ -272,7 +272,7 @@ class Code:
     name: str
 
     def module(self) -> ModuleType:
-        """Run the file; nothing is written beside it.
+        """Run the file without writing bytecode.
 
         Raises
         ------
@@ -310,7 +310,7 @@ class Code:
 
         def call(*arguments: Any) -> Any:
             try:
-                with np.errstate(all="ignore"):  # no number is no answer, which is counted
+                with np.errstate(all="ignore"):  # not a number counts as no answer
                     return function(*arguments)
             except BayesdegError:
                 raise
@@ -325,7 +325,7 @@ class Code:
         """Return a fault for a name that is neither a parameter nor an input."""
         known = [str(name) for given in arguments if isinstance(given, dict) for name in given]
         asked = str(error.args[0]) if error.args else ""
-        problem = f"{what} asks for {asked!r}, which it is not given"
+        problem = f"{what} uses {asked!r}, which is not among its inputs"
         remedy = use_one_of(asked, known) if known else "correct that line"
         return replace(self.fault(error, what), problem=problem, remedy=remedy)
 
@@ -376,7 +376,7 @@ def _own_readings(study: Study, forward: OwnForward) -> Readings:
 
 
 def own_causes(study: Study) -> tuple[Cause, ...]:
-    """Return the causes of a study's own: ``CAUSE``, or ``CAUSES``, of each file.
+    """Return a study's own causes: ``CAUSE`` or ``CAUSES`` of each file.
 
     Raises
     ------
@@ -390,8 +390,8 @@ def own_causes(study: Study) -> tuple[Cause, ...]:
         try:
             for cause in _causes_of(code):
                 if cause.name in found:
-                    problem = f"has a cause {cause.name!r}, which another file has as well"
-                    faults.append(Fault(code.name, problem, "give it another name"))
+                    problem = f"has a cause {cause.name!r}, which another file also has"
+                    faults.append(Fault(code.name, problem, "rename it"))
                 found[cause.name] = cause
         except StudyError as error:
             faults += error.faults
@@ -406,7 +406,7 @@ def _causes_of(code: Code) -> Iterator[Cause]:
     causes = list(listed) if isinstance(listed, Iterable) else [listed]
     wrong = [type(one).__name__ for one in causes if not isinstance(one, Cause)]
     if wrong or not causes:
-        problem = f"has {', '.join(wrong)} where a cause belongs" if wrong else "has no CAUSE"
+        problem = f"has {', '.join(wrong)} instead of a cause" if wrong else "has no CAUSE"
         raise StudyError([Fault(code.name, problem, "write CAUSE = bayesdeg.Cause(...)")])
     for cause in causes:
         hooks = {
@@ -418,7 +418,7 @@ def _causes_of(code: Code) -> Iterator[Cause]:
 
 
 def try_out(study: Study, model: JointModel, causes: Iterable[Cause]) -> None:
-    """Ask forward map and causes at draws from the priors, before anything is computed.
+    """Try forward map and causes at prior draws, before anything is computed.
 
     Raises
     ------
@@ -434,10 +434,10 @@ def try_out(study: Study, model: JointModel, causes: Iterable[Cause]) -> None:
         specimen = model.places.specimen[lost[0]]
         problem = (
             f"{name} has no finite answer for {len(lost)} of {predicted.shape[1]} readings, the "
-            f"first being reading {lost[0] + 1} (specimen {specimen}), at any of {DRAWS} draws "
-            "from the priors"
+            f"first being reading {lost[0] + 1} (specimen {specimen}), at any of {DRAWS} prior "
+            "draws"
         )
-        remedy = "let it return numbers there, or leave these rows out of readings.csv"
+        remedy = "return finite numbers there, or remove these rows from readings.csv"
         raise StudyError([Fault(file, problem, remedy)])
     for cause in causes:
         _answers(model.extended(cause), f"{CAUSES}, {cause.name}")

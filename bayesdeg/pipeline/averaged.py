@@ -1,7 +1,7 @@
 """One posterior over causes that cannot be told apart, each with its probability.
 
-A model with all of these causes predicts with each draw as the model with one of them would, if the
-sizes of the others are neutral in that draw. So draws of the models, put together in proportion to
+A draw of the model with all of these causes predicts like the model with one of them if the sizes
+of the others are neutral in that draw. So draws of the single models, combined in proportion to
 their evidence, are draws of one model, and every prediction from them is the average.
 """
 
@@ -26,8 +26,8 @@ from bayesdeg.report.record import MemberEntry
 Floats = NDArray[np.float64]
 
 DRAWS = 4000
-"""Together. A rival at odds of 20 has some 190 of them; one at odds of 400, which is as good as a
-leading cause of an implausible size, has 10."""
+"""Draws in total. A rival at odds of 20 gets some 190 of them; one at odds of 400, as good as a
+leading cause of an implausible size, gets 10."""
 
 
 def stored_form(posterior: Posterior) -> xr.DataTree:
@@ -42,8 +42,8 @@ def stored_form(posterior: Posterior) -> xr.DataTree:
 def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -> Posterior | None:
     """Return draws over the causes that cannot be told apart; None where there is one set only.
 
-    Members are the sets that may be right, of those that were fitted. Where a cause of the readings
-    is replaced, that of published counts keeps the sizes that it has beside the leading one.
+    Members are the fitted sets that may be right. If a cause of the readings is replaced, the cause
+    of published counts keeps the sizes that it has with the leading one.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -
     whole = final.model.extended(*(c for name, c in further.items() if name not in own))
     shares = softmax([0.0, *(one.log_factor for one in others)])
     sets = [tuple(sorted(own)), *(one.causes for one in others)]
-    counts = np.maximum(generator.multinomial(DRAWS, shares), 1)  # so that each can be asked for
+    counts = np.maximum(generator.multinomial(DRAWS, shares), 1)  # so that each can be requested
     drawn = [
         _drawn(whole, final, trial, names, int(count), generator)
         for names, trial, count in zip(
             sets, [None, *(one.trial for one in others)], counts, strict=True
         )
     ]
-    order = generator.permutation(np.sum(counts))  # so that the first of them are of all members
+    order = generator.permutation(np.sum(counts))  # so that any first draws cover all members
     number = np.repeat(np.arange(len(sets)), counts)
     members = tuple(
         MemberEntry(causes=n, probability=float(p)) for n, p in zip(sets, shares, strict=True)
@@ -80,7 +80,7 @@ def averaged(judgement: Judgement, final: Fit, generator: np.random.Generator) -
 
 
 class _Other(NamedTuple):
-    """Another set that may be right, its log Bayes factor over the leading one, and its fit."""
+    """A rival set, its log Bayes factor over the leading one, and its fit."""
 
     causes: tuple[str, ...]
     log_factor: float
@@ -128,7 +128,7 @@ def _drawn(
 
 
 def _neutral(model: JointModel, causes: tuple[str, ...], count: int) -> dict[str, Floats]:
-    """Return the neutral sizes of causes of a model that are not among those given."""
+    """Return the neutral sizes of the other causes of a model."""
     others: list[Cause] = [cause for cause in model.causes if cause.name not in causes]
     return {
         cause.qualified(p.name): np.full(count, p.neutral or 0.0)

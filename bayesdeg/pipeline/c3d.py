@@ -1,7 +1,7 @@
-"""Recordings of motion capture, C3D files: read by a process that may be lost.
+"""Motion capture recordings (C3D files), read in an expendable process.
 
-The reader is ezc3d (doi:10.21105/joss.02911), which bayesdeg can do without. Another process reads
-the file (`bayesdeg.limited`), and hands over plain arrays.
+The optional reader is ezc3d (doi:10.21105/joss.02911). A separate process reads the file
+(`bayesdeg.limited`) and returns plain arrays.
 """
 
 import io
@@ -19,16 +19,16 @@ from bayesdeg.limited import asked, ended
 Floats = NDArray[np.float64]
 
 LIBRARY = "ezc3d"
-SECONDS = 60  # of the processor: a recording of 100 MB takes 5
-MEMORY_MB, PER_MB = 1500.0, 40.0  # of addresses: of Python and numpy, and for each MB of the file
+SECONDS = 60  # processor seconds: a recording of 100 MB takes 5
+MEMORY_MB, PER_MB = 1500.0, 40.0  # address space of Python and numpy, and per MB of the file
 BLOCK = 512  # bytes
 IS_C3D = 0x50  # second byte of every C3D file
-ORDERS = {84: "<", 85: "<", 86: ">"}  # of bytes, by the kind of processor: Intel, DEC, MIPS
+ORDERS = {84: "<", 85: "<", 86: ">"}  # byte orders of processors: Intel, DEC, MIPS
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What a C3D file holds.
+    """Content of a C3D file.
 
     Parameters
     ----------
@@ -56,12 +56,12 @@ class Recording:
 
 
 def is_readable() -> bool:
-    """Return whether the library is there that reads C3D files."""
+    """Return whether the library for C3D files is installed."""
     return find_spec(LIBRARY) is not None
 
 
 def read_c3d(path: str, content: bytes) -> Recording:
-    """Return what a C3D file holds.
+    """Read a C3D file.
 
     Parameters
     ----------
@@ -107,10 +107,10 @@ def refuse_cut_off(content: bytes) -> None:
         raise ValueError("is cut off in its header")
     order = ORDERS.get(content[at + 3])
     if order is None:
-        raise ValueError("is damaged: its numbers are of no known processor")
+        raise ValueError("is damaged: its number format is unknown")
     markers, samples, first, last = struct.unpack_from(f"{order}4H", content, 2)
     scale = content[12:16]
-    # DEC's numbers have their signs where Intel's have them
+    # DEC has the sign bits where Intel has them
     negative = scale[0 if order == ">" else 3] & 0x80
     size = 4 if negative else 2
     start = struct.unpack_from(f"{order}H", content, 16)[0]
@@ -137,7 +137,7 @@ def _recording(content: bytes) -> Recording:
 
 
 def _arrays(path: str) -> dict[str, NDArray[np.generic]]:
-    """Return the arrays of `Recording` by their names."""
+    """Return the arrays of `Recording` by name."""
     file = import_module(LIBRARY).c3d(path)
     about, channels = file["parameters"]["POINT"], file["parameters"].get("ANALOG", {})
     points = file["data"]["points"][:3].transpose(2, 1, 0)
@@ -162,7 +162,7 @@ def _arrays(path: str) -> dict[str, NDArray[np.generic]]:
 
 
 def _words(group: dict[str, dict[str, list[str]]], name: str) -> list[str]:
-    """Return a list of texts, which goes on in further ones after 255."""
+    """Return a list of texts, which C3D continues in further lists after 255."""
     found: list[str] = []
     for key in (name, *(f"{name}{k}" for k in range(2, 100))):
         if key not in group:

@@ -1,4 +1,4 @@
-"""How long sampling will still take, from how its effective draws grow."""
+"""Calibration of models: mode, importance sample and chains, with a time estimate."""
 
 import math
 import time
@@ -27,9 +27,9 @@ from bayesdeg.report.checkpoints import Pieces, Stages
 
 
 def steps_left(standing: Standing, effort: Effort) -> float:
-    """Return how many steps are still to be done, at most to the effort's limit; nan if unknown.
+    """Return the estimated number of remaining steps, at most to the limit; nan if unknown.
 
-    A period begins anew with no kept steps, so what is wanted may have to wait for a later one.
+    A new period starts with no kept steps, so the criteria may be met only in a later one.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def steps_left(standing: Standing, effort: Effort) -> float:
 
 @dataclass(frozen=True)
 class Pace:
-    """When sampling began, by which the seconds of a step are known.
+    """Start of sampling, for the time of a step.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Pace:
     began: float = field(default_factory=time.perf_counter)
 
     def left(self, standing: Standing, effort: Effort) -> float:
-        """Return the seconds left; nan if they are not known yet."""
+        """Return the remaining seconds; nan if not known yet."""
         computed = standing.steps - standing.resumed
         if computed == 0:
             return math.nan
@@ -77,7 +77,7 @@ class Pace:
 
 
 def words(seconds: float) -> str:
-    """Say a time in words; nothing if it is not known.
+    """Format a time; empty if unknown.
 
     Examples
     --------
@@ -118,11 +118,11 @@ class Fit:
 
 
 class Sampled(Protocol):
-    """Any density that was sampled, such as a `Fit`."""
+    """Any sampled density, such as a `Fit`."""
 
     @property
     def model(self) -> Density:
-        """What was sampled."""
+        """The sampled density."""
         ...
 
     @property
@@ -132,12 +132,12 @@ class Sampled(Protocol):
 
     @property
     def diagnosis(self) -> Convergence:
-        """Whether they may be used."""
+        """Whether the draws are usable."""
         ...
 
 
 class Options(TypedDict):
-    """How to calibrate; see `fitted`."""
+    """Settings of a calibration; see `fitted`."""
 
     effort: Effort
     seed: np.random.SeedSequence
@@ -148,7 +148,7 @@ class Options(TypedDict):
 
 
 def calibrate(model: JointModel, name: str, **options: Unpack[Options]) -> Fit:
-    """Calibrate a model, from where an interrupted run stopped.
+    """Calibrate a model, resuming an interrupted run.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def fitted(
     executor: Executor | None = None,
     start: Floats | None = None,
 ) -> tuple[Laplace, Evidence, Chain, Convergence]:
-    """Calibrate any density: its mode, its evidence, and draws that are long enough or say so.
+    """Calibrate any density: mode, evidence, and draws with convergence diagnostics.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def fitted(
 
 
 class _Shown:
-    """Shows how far sampling is: the share of the work, in hundredths, and the criteria."""
+    """Shows progress of sampling: percentage of the work, and the criteria."""
 
     def __init__(self, name: str, effort: Effort, progress: Progress, store: Pieces) -> None:
         self._effort, self._progress, self._store = effort, progress, store
@@ -233,7 +233,7 @@ class _Shown:
 
     def __call__(self, standing: Standing) -> None:
         left = steps_left(standing, self._effort)
-        # while the moves are fitted, what is left is not known: it is not nothing
+        # while the moves are fitted, the remaining work is unknown, not zero
         share = 0.0 if np.isnan(left) else 100.0 * standing.steps / (standing.steps + left)
         done = max(share - self._shown, 0.0)
         self._shown += done
@@ -242,11 +242,11 @@ class _Shown:
     def _notes(self, standing: Standing) -> Iterator[str]:
         if self._store.damaged:
             names = ", ".join(path.name for path in self._store.damaged)
-            yield f"damaged and computed again: {names}"
+            yield f"damaged, computed again: {names}"
         if standing.enough(self._effort) and standing.resumed == standing.steps:
-            yield "taken from the interrupted run"  # first: a narrow terminal cuts the rest
+            yield "resumed from the interrupted run"  # first: a narrow terminal cuts the rest
         if standing.kept == 0:
-            yield f"fitting the moves, {standing.steps} steps"
+            yield f"tuning the proposals, {standing.steps} steps"
         else:
             yield f"{standing.effective:.0f} effective draws, R-hat {standing.r_hat:.3f}"
         if not standing.enough(self._effort):
@@ -263,7 +263,7 @@ def _begun(
 ) -> dict[str, Floats]:
     """Find the mode, an importance sample, and the shares of separate modes."""
     generator = np.random.default_rng(seed)
-    # one thread: the same bits whatever the machine's number of them
+    # one thread: the same bits whatever the number of cores
     with threadpool_limits(limits=1):
         if start is None and isinstance(model, JointModel):
             start = near_films(model, generator)
@@ -288,7 +288,7 @@ def _begun(
 
 
 def awake() -> None:
-    """Do nothing: a worker process that was asked for it has imported what calibrations need."""
+    """Do nothing: makes a worker process import what calibrations need."""
 
 
 def base_of(fit: Fit) -> Trial:
@@ -304,7 +304,7 @@ def base_of(fit: Fit) -> Trial:
 
 
 def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> Trial:
-    """Fit a base model as far as its verdict needs: a chain is sampled only if it would be used.
+    """Fit a base model as far as its verdict needs; sample a chain only if it is used.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ def _enough(posterior: Evidence) -> bool:
 
 
 def _of_chain(posterior: Evidence, chain: Chain) -> Evidence:
-    """Put the draws of a chain in the place of a poor importance sample's."""
+    """Replace a poor importance sample by the draws of a chain."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     even = np.zeros(len(flat))
     return replace(posterior, draws=flat, log_weights=even, effective=float(len(flat)))
@@ -341,7 +341,7 @@ DRAWS = 400
 
 
 class Listener:
-    """A forward map that keeps what it is asked.
+    """A forward map that records its inputs.
 
     Parameters
     ----------
@@ -354,13 +354,13 @@ class Listener:
         self.heard: list[Inputs] = []
 
     def __call__(self, inputs: Inputs) -> Prediction:
-        """Answer as the forward map does."""
+        """Evaluate the forward map."""
         self.heard.append(inputs)
         return self._forward(inputs)
 
 
 def refused_inputs(fit: Fit) -> dict[str, str]:
-    """Return which inputs of new specimens the emulator refuses, in words by name.
+    """Return the inputs of new specimens that the emulator refuses, in words by name.
 
     For draws from the posterior, each with new deviations of the specimens in the same tests.
 

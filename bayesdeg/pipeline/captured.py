@@ -1,8 +1,8 @@
-r"""Recordings of motion capture become lines of points: markers, frames of a hold, pressures.
+r"""Lines of points from motion capture: markers, frames of a hold, pressures.
 
-Each row of ``captures.csv`` is a hold. Its line goes through the markers that ``[captures]`` of
-``study.toml`` names, averaged over those frames in which all of them were seen, in the plane of
-bending. What cannot be read is a fault of the study, all of them together.
+Each row of ``captures.csv`` is a hold. Its line goes through the markers named in ``[captures]`` of
+``study.toml``, averaged over the frames in which all of them are visible, in the bending plane.
+Faults of all recordings are reported together.
 
 With s the standard deviation of a coordinate over n frames and τ its integrated autocorrelation
 time in frames, the mean has the standard error
@@ -39,12 +39,12 @@ Floats = NDArray[np.float64]
 
 #: Ten minutes of 20 markers and 16 channels at 1 kHz have 60 MB [MB].
 CAPTURE_MB = 200.0
-#: Of the length of the line: markers that leave the plane of bending by more do not bend in it.
+#: Share of the line's length by which markers may leave the bending plane.
 OFF_PLANE = 0.1
-#: Frames below which their autocorrelation cannot be told: then the mean is no better than one.
+#: With fewer frames the autocorrelation is unknown: the mean then counts as one frame.
 FEW_FRAMES = 10
 WINDOW = 5.0  # autocorrelation times, after Sokal
-#: Bending leaves the straight line by so many times what leaves the plane, or there is none.
+#: Least deviation from a straight line, over that from the plane, that counts as bending.
 BENT = 3.0
 SAME_PLACE = 1e-6  # mm: far below what is measured, far above rounding
 MILLIMETRES: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -82,7 +82,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class BendingPlane:
-    """The plane in which an actuator bends.
+    """The bending plane of an actuator.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class BendingPlane:
 
 
 def with_captures(study: Study, progress: Progress) -> Study:
-    """Return a study whose recordings have been read, and their lines with them.
+    """Return a study with the lines read from its recordings.
 
     Parameters
     ----------
@@ -156,14 +156,16 @@ def _wrong_study(study: Study) -> Iterator[Fault]:
     others = {"actuator": "actuator.csv", _MARKERS: "markers.csv", "photos": "photos.csv"}
     for name, file in others.items():
         if study.table(name) is not None:
-            remedy = "keep the recordings, or what was read of them"
-            yield Fault(FILE, f"is there beside {file}", remedy)
+            remedy = "keep either the recordings or the readings from them"
+            yield Fault(FILE, f"is given together with {file}", remedy)
     if not study.settings.is_default_mould:
-        problem = "is known of the default actuator alone: what points read of another is not"
+        problem = "is available only for the default actuator, not for points on a different one"
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
     if study.settings.operator == "base_tip" and study.settings.captures.plane is None:
-        problem = "is not stated, and without it is not known how the base lies"
-        remedy = "give the axes along the clamped end and away from the paper, or another operator"
+        problem = "is missing, so the direction of the base is unknown"
+        remedy = (
+            "give the axes along the clamped end and away from the paper, or a different operator"
+        )
         yield Fault(SETTINGS_FILE, problem, remedy, None, "captures.plane")
     if not is_readable():
         problem = "needs the library ezc3d, which is not installed"
@@ -173,7 +175,7 @@ def _wrong_study(study: Study) -> Iterator[Fault]:
 def _recordings(
     places: Mapping[str, Path], progress: Progress
 ) -> tuple[dict[str, Recording], dict[str, str], list[Fault]]:
-    """Read every file once; return recordings and hashes by name, and what is wrong."""
+    """Read every file once; return recordings and hashes by name, and faults."""
     progress.stage("reading recordings", len(places))
     found, hashes, faults = {}, {}, []
     for name, path in places.items():
@@ -192,7 +194,7 @@ def _recordings(
 
 
 def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator[Fault]:
-    """Find what a recording lacks that ``[captures]`` asks of it."""
+    """Find what a recording lacks that ``[captures]`` requires."""
     file, there = f"{FOLDER}/{name}", recording.labels
     if not options.markers:
         shown = ", ".join(there[:_MOST_NAMES])
@@ -201,11 +203,15 @@ def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator
     for marker in options.markers:
         found = places_of(marker, there)
         if len(found) != 1:
-            problem = "is no marker of it" if not found else "is the name of several markers of it"
+            problem = (
+                "is not one of its markers"
+                if not found
+                else "is the name of several of its markers"
+            )
             remedy = use_one_of(marker, there[:_MOST_NAMES])
             yield Fault(file, problem, remedy, None, "captures.markers", marker)
     if options.unit is None and recording.unit.lower() not in MILLIMETRES:
-        problem = "states no unit of lengths that is known"
+        problem = "states no known unit of length"
         remedy = f"state [captures] unit, one of {', '.join(MILLIMETRES)}"
         yield Fault(file, problem, remedy, None, "POINT:UNITS", recording.unit)
     if options.pressure is None:
@@ -214,16 +220,16 @@ def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator
     if len(at) != 1:
         remedy = use_one_of(options.pressure, recording.channels[:_MOST_NAMES] or ("none",))
         place = (None, "captures.pressure", options.pressure)
-        yield Fault(file, "is no analog channel of it", remedy, *place)
+        yield Fault(file, "is not one of its analog channels", remedy, *place)
     elif options.kpa_per_unit is None and _unit_of(recording, at[0]) is None:
         unit = recording.channel_units[at[0]]
-        problem = "has a channel of pressures in no unit of pressure"
-        remedy = "state [captures] kPa_per_unit, and zero, what it reads at no pressure"
+        problem = "has a pressure channel without a pressure unit"
+        remedy = "state [captures] kPa_per_unit, and zero, its reading at zero pressure"
         yield Fault(file, problem, remedy, None, options.pressure, unit)
 
 
 def places_of(name: str, labels: Sequence[str]) -> list[int]:
-    """Return where a name is among labels: as it is, or less the subject before a colon.
+    """Return the index of a name among labels, with or without a subject before a colon.
 
     Examples
     --------
@@ -235,7 +241,7 @@ def places_of(name: str, labels: Sequence[str]) -> list[int]:
 
 
 def _unit_of(recording: Recording, channel: int) -> float | None:
-    """Return the kPa of a channel's unit, if that is one of pressure."""
+    """Return a channel's unit in kPa, if it is one of pressure."""
     return KILOPASCALS.get(recording.channel_units[channel].lower())
 
 
@@ -269,8 +275,8 @@ def _hold(row: Mapping[str, object], recording: Recording, options: CaptureOptio
     whole = seen.all(axis=1)
     if not whole.any():
         marker = options.markers[int(np.argmin(seen.sum(axis=0)))]
-        problem = f"has no frame in which all markers are seen; most often {marker} is not"
-        raise _refused(row, problem, "fill its gaps where it was recorded, or name other frames")
+        problem = f"has no frame with all markers visible; {marker} is missing most often"
+        raise _refused(row, problem, "fill its gaps in the capture software, or name other frames")
     pressure = _pressure(row, recording, frames[whole], options)
     kept = points[whole]
     error = error_of_mean(kept.reshape(len(kept), -1)).reshape(-1, 3)
@@ -279,13 +285,13 @@ def _hold(row: Mapping[str, object], recording: Recording, options: CaptureOptio
 
 
 def _frames(row: Mapping[str, object], recording: Recording) -> NDArray[np.int_]:
-    """Return the places of a row's frames in the recording; all of them where it names none."""
+    """Return the indices of a row's frames in the recording; all if it names none."""
     first, last = recording.first_frame, recording.first_frame + len(recording.points) - 1
     low = first if np.isnan(start := _number(row, "first_frame")) else int(start)
     high = last if np.isnan(end := _number(row, "last_frame")) else int(end)
     if not first <= low <= high <= last:
-        problem = f"names frames {low} to {high}, and the recording has {first} to {last}"
-        raise _refused(row, problem, "give frames as the recording numbers them")
+        problem = f"names frames {low} to {high}, but the recording has {first} to {last}"
+        raise _refused(row, problem, "give frames by the numbers of the recording")
     return np.arange(low - first, high - first + 1)
 
 
@@ -326,7 +332,7 @@ def _specimen(hold: Hold) -> str:
 def _planes(
     holds: list[Hold], options: CaptureOptions
 ) -> tuple[dict[str, BendingPlane], list[Fault]]:
-    """Return the plane in which each specimen bends, and which bend in none."""
+    """Return the bending plane of each specimen, and the specimens without one."""
     planes: dict[str, BendingPlane] = {}
     faults = []
     for name in dict.fromkeys(map(_specimen, holds)):
@@ -342,7 +348,7 @@ def _planes(
             remedy = 'state [captures] plane, such as ["x", "-z"]'
             faults.append(Fault(FILE, problem, remedy, specimen=name))
         elif plane.off > OFF_PLANE * _length(lines[0]):
-            problem = f"has markers {plane.off:.2g} mm off the plane of bending"
+            problem = f"has markers {plane.off:.2g} mm off the bending plane"
             remedy = "name the markers along the bottom line, or state [captures] plane"
             faults.append(Fault(FILE, problem, remedy, specimen=name))
         else:
@@ -355,12 +361,12 @@ def _length(line: Floats) -> float:
 
 
 def _apart(hold: Hold, plane: BendingPlane, options: CaptureOptions) -> Fault | None:
-    """Return what is wrong with a line that has neighbours at one place."""
+    """Return the fault of a line with coincident neighbours."""
     steps = np.linalg.norm(np.diff(plane.placed(hold.points), axis=0), axis=1)
     if steps.min() > SAME_PLACE:
         return None
     k = int(np.argmin(steps))
-    problem = f"has the markers {options.markers[k]} and {options.markers[k + 1]} at one place"
+    problem = f"has the markers {options.markers[k]} and {options.markers[k + 1]} at the same place"
     return _refused(hold.row, problem, "name every marker once, and check the plane").faults[0]
 
 
@@ -416,7 +422,7 @@ def _axis(name: str) -> Floats:
 
 
 def fitted_plane(lines: list[Floats]) -> BendingPlane | None:
-    """Return the plane in which lines bend; None if they are too straight to have one.
+    """Return the bending plane of lines; None if they are too straight.
 
     Parameters
     ----------
@@ -452,14 +458,14 @@ def fitted_plane(lines: list[Floats]) -> BendingPlane | None:
 
 
 def _turned(line: Floats) -> float:
-    """Return by how much a line turns from its first to its last step, to the left [rad]."""
+    """Return the angle, to the left, from the first to the last step of a line [rad]."""
     steps = np.diff(line, axis=0)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     return float(heading[-1] - heading[0])
 
 
 def error_of_mean(values: Floats) -> Floats:
-    """Return the standard error of the mean of frames, (n_series,); 0 of one frame.
+    """Return the standard error of the mean of frames, (n_series,); 0 for one frame.
 
     Parameters
     ----------
@@ -496,7 +502,7 @@ def _correlation_time(series: Floats) -> float:
 
 
 def shifted(line: Floats, distance: float) -> Floats:
-    """Return a line moved away from the paper, at right angles to itself, (n, 2) [mm].
+    """Return a line offset normally away from the paper, (n, 2) [mm].
 
     Centres of markers that sit on the paper are a distance below the bottom line.
 

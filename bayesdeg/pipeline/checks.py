@@ -1,4 +1,4 @@
-"""What a posterior rests on: single specimens, priors, and what the priors alone predict."""
+"""Checks of a posterior: influence of specimens and priors, and prior predictions."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -21,12 +21,12 @@ from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import worded
 
-FEWEST = 2  # specimens, of which one can be left out
+FEWEST = 2  # specimens needed to leave one out
 
 
 @dataclass(frozen=True)
 class Checks:
-    """What the final posterior rests on.
+    """Checks of the final posterior.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Checks:
     prior_predictive: PriorPredictive | None
 
     def tables(self) -> dict[str, Callable[[], pd.DataFrame]]:
-        """Return what makes the tables of the run folder, by their names."""
+        """Return the functions that build the tables of the run folder, by name."""
         found: dict[str, Callable[[], pd.DataFrame]] = {}
         if self.prior_sensitivity is not None:
             found[columns.PRIOR_SENSITIVITY] = self.prior_sensitivity.table
@@ -54,7 +54,7 @@ class Checks:
         return found
 
     def sentences(self, *, degrades: bool = True) -> dict[str, str]:
-        """Return what each check came to, in plain words, by the names of the tables."""
+        """Return the result of each check in words, by table name."""
         said = {}
         if self.prior_sensitivity is not None:
             said[columns.PRIOR_SENSITIVITY] = worded(self.prior_sensitivity, degrades=degrades)
@@ -73,7 +73,7 @@ def check(
     executor: Executor | None = None,
     guard: Guard | None = None,
 ) -> Checks:
-    """Ask of a posterior what it rests on.
+    """Run the checks of a posterior.
 
     Parameters
     ----------

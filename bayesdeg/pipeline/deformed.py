@@ -50,8 +50,8 @@ Floats = NDArray[np.float64]
 # some 730 bricks on the default geometry: a few seconds a state
 PICTURE_MESH = Resolution(along=1.7, across=1.3, up=2.1)
 STEPS = 8
-# half a minute at most: about to balloon, a path goes on in ever smaller steps; the last state that
-# it reached is as good a picture
+# half a minute at most: near ballooning the steps of a path become ever smaller; the last state
+# reached is as good a picture
 ENOUGH = PathEffort(total=60)
 
 
@@ -109,7 +109,7 @@ class Solved:
 
     @property
     def shape(self) -> Shape:
-        """What the report draws."""
+        """The data of the figure."""
         return shape_of(
             self.body,
             self.fields,
@@ -130,7 +130,7 @@ def begin(
     *,
     resolution: Resolution | None = None,
 ) -> Begun:
-    """Begin to solve the actuators of a picture; return what waits for those that have a solution.
+    """Start solving the actuators of a figure; return a function that waits for the solutions.
 
     Parameters
     ----------
@@ -157,10 +157,10 @@ def write_deformed(
     resolution: Resolution | None = None,
     begun: Begun | None = None,
 ) -> None:
-    """Solve the fitted actuator at the lowest and highest degradation rate; write what it shows.
+    """Solve the fitted actuator at the lowest and highest degradation rate, and write it.
 
-    The parameters are posterior medians, the pressure is the highest that was applied. Where
-    there is no equilibrium at it, the last one below is written; where there is none, nothing.
+    Parameters are posterior medians; the pressure is the highest applied. If there is no
+    equilibrium at it, the last one below is written, or nothing if there is none.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def write_deformed(
 
 
 def fitted_geometry(geometry: Moulded, fit: Fit) -> Moulded:
-    """Return the actuator with the dimensions that are parameters at their posterior medians."""
+    """Return the actuator with uncertain dimensions at their posterior medians."""
     table = fit.model.table
     draws = table.named(fit.chain.vectors)
     names = dimensions_among(table.names)
@@ -226,7 +226,7 @@ def fitted_cases(fit: Fit) -> list[Case]:
 
 
 def fitted_inputs(fit: Fit, degradation: Floats, pressure: Floats) -> Inputs:
-    """Return what the mechanics is told at posterior medians, all causes at work.
+    """Return the inputs of the mechanics at posterior medians, with all causes active.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def is_compiled(cache: Path) -> bool:
 
 
 def compile_beside() -> None:
-    """Compile the kernels in a process of their own, behind all others, unless that was done."""
+    """Compile the kernels in a separate, low-priority process, unless already done."""
     if not is_compiled(Path(kernels.solid.stats.cache_path)):
         context = multiprocessing.get_context("spawn")
         with deaf_to_interrupts():
@@ -296,7 +296,7 @@ def compile_beside() -> None:
 
 
 def compile_kernels() -> None:
-    """Solve a coarse actuator with paper under a small load: all that a picture needs."""
+    """Solve a coarse actuator with paper under a small load: compiles all that a figure needs."""
     end_with_parent()
     if hasattr(os, "nice"):
         os.nice(BEHIND)

@@ -1,6 +1,6 @@
-"""An emulator is trained: where a study asks, how long its campaign takes, and how far that is.
+"""Training an emulator: the inputs of a study, the time of a campaign, and its progress.
 
-Where a study asks is known before there is a forward map, from films, priors and conditions.
+The inputs of a study are known before there is a forward map, from films, priors and conditions.
 """
 
 import time
@@ -45,10 +45,10 @@ from bayesdeg.pipeline.reach import assemble_within_reach
 
 Floats = NDArray[np.float64]
 
-DRAWS = 60  # of what each set of causes asks
-OFF = 2.5  # standard deviations of the specimens' stiffness that draws reach
-# a curve of either mesh over one assembly and factorization, with derivatives: 26 to 36 in the
-# medians of either mesh of two pneunets
+DRAWS = 60  # draws of the inputs for each set of causes
+OFF = 2.5  # standard deviations of specimen stiffness covered by draws
+# time of a curve with derivatives over that of one assembly and factorization: medians of 26 to 36
+# for either mesh of two pneunets
 FACTORIZATIONS = 40
 PLAIN = MaterialGroups(c2_ratio=0.0, c3_ratio=0.01, paper_group=100.0)
 
@@ -93,7 +93,7 @@ class Campaign:
 
     @property
     def workers(self) -> int:
-        """How many runs are solved at a time."""
+        """Number of runs solved at a time."""
         return self.executor.workers if isinstance(self.executor, Supervised) else 1
 
     def key(self) -> str:
@@ -107,7 +107,7 @@ class Campaign:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What is left of a campaign.
+    """The remaining part of a campaign.
 
     Parameters
     ----------
@@ -128,12 +128,12 @@ class Expectation:
 
     @property
     def core_seconds(self) -> float:
-        """Time of all runs that are left on one core [s]."""
+        """Time of all remaining runs on one core [s]."""
         return sum(self.each[mesh] * number for mesh, number in self.left.items())
 
     @property
     def seconds(self) -> float:
-        """Time that is left [s].
+        """Remaining time [s].
 
         Examples
         --------
@@ -145,26 +145,26 @@ class Expectation:
 
     @property
     def whole_seconds(self) -> float:
-        """Time that is left, with the runs that follow [s]."""
+        """Remaining time, including later runs [s]."""
         return self.seconds + self.later / self.workers
 
     def __str__(self) -> str:
-        """Say how long it takes, and why."""
+        """Return the time estimate and its basis in words."""
         runs = [
             f"{number} of {self.each[mesh]:.1f} s on a mesh of {mesh.along:g} mm"
             for mesh, number in self.left.items()
         ]
         at_once = "one at a time" if self.workers == 1 else f"{self.workers} at a time"
         then = "" if self.later == 0.0 else f", and then {duration(self.later / self.workers)}"
-        where = " where the posterior lies" if then else ""
+        where = " in the posterior region" if then else ""
         whole = f"{duration(self.seconds)}{then}{where}"
         return f"{whole}: finite element curves, {' and '.join(runs)}, {at_once}"
 
 
 def expect(campaign: Campaign, progress: Progress) -> Expectation:
-    """Return how long a campaign takes, within seconds.
+    """Estimate the time of a campaign, within seconds.
 
-    Where runs of a mesh were timed, here or before, by their median; else by the time of one
+    If runs of a mesh were timed, here or before, their median is used; otherwise the time of one
     factorization of its tangent, of which a curve takes about `FACTORIZATIONS`.
 
     Parameters
@@ -191,7 +191,7 @@ def expect(campaign: Campaign, progress: Progress) -> Expectation:
 def seconds_of_factorization(
     geometry: Moulded, mesh: Resolution, backend: Backend = Backend.KERNELS
 ) -> float:
-    """Return how long it takes to assemble and factorize the tangent of an actuator at rest [s]."""
+    """Return the time to assemble and factorize the tangent of an actuator at rest [s]."""
     actuator = Actuator(build_mesh(geometry, mesh), backend=backend)
     system, (_, problem) = actuator.system, actuator.equations(Curve((), PLAIN))
     solver = open_factorization(system.upper)
@@ -214,7 +214,7 @@ def _timed(campaign: Campaign) -> dict[Resolution, list[float]]:
 
 @dataclass
 class Meter:
-    """Shows how far a campaign is, and how much longer it takes.
+    """Shows progress and remaining time of a campaign.
 
     Parameters
     ----------
@@ -255,8 +255,8 @@ class Meter:
     def remaining(self) -> float:
         """Return the time that is left, from measured times and the measured pace [s].
 
-        The pace is core seconds done in a second. What was expected of it counts like a while of
-        measurement, since runs that are under way are not counted before they end.
+        The pace is core seconds done per second. The expected pace counts like some measurements,
+        since runs in progress are not counted before they end.
         """
         left = sum(
             max(0, number - self._solved[mesh]) * self._seconds_of(mesh)
@@ -275,7 +275,7 @@ class Meter:
 
 
 def train_emulator(campaign: Campaign, expectation: Expectation, progress: Progress) -> Surrogate:
-    """Solve what is left of a campaign and train the emulator, showing how far it is."""
+    """Complete a campaign and train the emulator, showing progress."""
     return build(
         campaign.geometry,
         campaign.store,
@@ -290,7 +290,7 @@ def train_emulator(campaign: Campaign, expectation: Expectation, progress: Progr
 def solve_campaign(
     campaign: Campaign, expectation: Expectation, progress: Progress
 ) -> list[tuple[Run, Solution]]:
-    """Solve what is left of a campaign, showing how far it is; return all that was solved."""
+    """Complete a campaign, showing progress; return all solutions."""
     solved = complete(
         campaign.runs,
         campaign.store,
@@ -302,7 +302,7 @@ def solve_campaign(
 
 
 def _meter(expectation: Expectation, progress: Progress) -> Meter | None:
-    """Return what shows how far a campaign is; None if nothing is left of it."""
+    """Return the progress display of a campaign; None if nothing is left."""
     if expectation.left:
         return Meter(expectation, progress)
     progress.stage("training on the curves")
@@ -310,16 +310,16 @@ def _meter(expectation: Expectation, progress: Progress) -> Meter | None:
 
 
 def endings(campaign: Campaign) -> list[tuple[Run, Status]]:
-    """Return how every solved run of a campaign ended."""
+    """Return the outcome of every solved run of a campaign."""
     solved = [(run, campaign.store.get(run)) for run in campaign.runs]
     return [(run, solution.status) for run, solution in solved if solution is not None]
 
 
 def asked_of(study: Study, seed: int) -> AskedInputs:
-    """Return draws of what the models of a study ask of its forward map.
+    """Return draws of the inputs that a study's models need from its forward map.
 
-    The material is drawn from its posterior given all but the readings of the actuators, causes
-    from their priors: none, each one, and pairs of those that follow one another in the catalogue.
+    The material is drawn from its posterior given all data but the actuator readings, causes from
+    their priors: none, each one, and pairs of neighbours in the catalogue.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ def asked_of(study: Study, seed: int) -> AskedInputs:
 
 @dataclass(frozen=True)
 class AskedAfterwards:
-    """What a study asks once it was calibrated with an emulator, and how that emulator does there.
+    """Inputs of a study after calibration with an emulator, and the emulator's accuracy there.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ class AskedAfterwards:
 
 
 def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterwards:
-    """Calibrate a study's base model with an emulator and return what it asks then.
+    """Calibrate a study's base model with an emulator and return its inputs then.
 
     Parameters
     ----------
@@ -383,7 +383,7 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
     model = assembly.model
     sequence = np.random.SeedSequence(seed)
     generator = np.random.default_rng(sequence)
-    # sums of several threads depend on their number
+    # sums depend on the number of threads
     with threadpool_limits(1):
         base = base_without_chain(model, sequence)
         known = base.posterior.resample(generator, DRAWS)
@@ -396,9 +396,9 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
 
 
 def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
-    """Return the share of draws that ask beyond the emulator's range, but not beyond that of all.
+    """Return the share of draws outside this emulator's range but inside the widest one.
 
-    Readings count alone, not the pressures between them.
+    Only pressures of readings count, not those between.
     """
     state = model.tests(model.table.named(known))
     missed, whole = np.zeros(len(known), dtype=bool), TrainingRange()
@@ -413,7 +413,7 @@ def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
 def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
     """Return the 95th percentile of the standard error over each curve's largest curvature [%].
 
-    Of what is asked beside the shape too; the largest counts.
+    Includes the outputs besides the shape; the largest counts.
     """
     exact = surrogate.without_mesh_error()
     state = model.tests(model.table.named(known))
@@ -440,7 +440,7 @@ def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
 def asked_by(
     assembly: Assembly, known: Floats, generator: np.random.Generator, units: Units
 ) -> AskedInputs:
-    """Return what all sets of causes ask, at draws of the base model and causes from priors."""
+    """Return the inputs for all sets of causes, at draws of the base model and of priors."""
     return AskedInputs.joined(
         [
             part
@@ -453,7 +453,7 @@ def asked_by(
 def asked_of_model(
     model: JointModel, known: Floats, generator: np.random.Generator, units: Units
 ) -> Iterator[AskedInputs]:
-    """Yield what each of a model's kinds of actuator readings asks at draws.
+    """Yield the inputs of each of a model's kinds of actuator readings at draws.
 
     Parameters
     ----------
@@ -493,6 +493,6 @@ def _flat(given: dict[str, Floats]) -> AskedInputs:
             for g in GROUPS
         ]
     )
-    # a material that no law describes is asked of no forward map
+    # a material outside all laws is never evaluated
     known = np.isfinite(largest) & np.all(np.isfinite(groups), axis=1)
     return AskedInputs(groups[known], largest[known])

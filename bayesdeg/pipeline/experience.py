@@ -1,4 +1,4 @@
-"""How far actuators were tested, and where they burst: what a setting may rest on."""
+"""Tested pressures and ruptures of actuators, which limit the settings allowed."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.report.record import BurstEntry, ModelEntry
 
 NEAR = 2.5
-"""Degradation rates that differ by no more are alike: half of a step between tested levels [%]."""
+"""Degradation rates this close count as equal: half a step between tested levels [%]."""
 
 
 @dataclass(frozen=True)
 class Experience:
-    """What experience allows.
+    """Pressures that tests allow.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Experience:
     def ceiling(self, degradation: float) -> float:
         """Return the largest pressure that was tested and at which none burst near a rate [kPa].
 
-        Ruptures at pressures that were not recorded lower nothing: where they were is not known.
+        Ruptures at unrecorded pressures do not lower it, since their pressure is unknown.
 
         Examples
         --------
@@ -55,7 +55,7 @@ class Experience:
 
 
 def experience_of(entry: ModelEntry) -> Experience:
-    """Return what experience allows by the record of a run."""
+    """Return the experience recorded in a run."""
     measured = entry.measured
     highest = float(measured.get("pressure_kPa", (entry.largest_pressure_kPa,))[-1] or 0.0)
     burst = [float(b.degradation_pct or 0.0) for b in entry.bursts]
@@ -64,7 +64,7 @@ def experience_of(entry: ModelEntry) -> Experience:
 
 
 def bursts_of(model: JointModel, study: Study | None) -> tuple[BurstEntry, ...]:
-    """Return the actuators of a study that burst, and those that it cites."""
+    """Return the burst actuators of a study, its own and published ones."""
     recorded = () if model.actuator is None else _recorded(model.actuator)
     return (*recorded, *(() if study is None else _published(study)))
 

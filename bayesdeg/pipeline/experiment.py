@@ -1,4 +1,4 @@
-"""A study, or readings with a forward map of one's own, as the verbs of the library ask them."""
+"""A study, or readings with a user's forward map, behind the public functions."""
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
@@ -60,14 +60,14 @@ from bayesdeg.report.tables import ALL_LEVELS
 
 Floats = NDArray[np.float64]
 
-MOST_OF_ONE_LEVEL = 2  # rows of a model: its one level, and all of them pooled
+MOST_OF_ONE_LEVEL = 2  # rows per model: its one level, and all levels pooled
 SCORED_FIRST = ("model", "level", "elpd", "elpd_se", "elpd_diff", "elpd_diff_se", "rmse", "crps")
 SCORED_ELSE = ("rmse_per_m", "crps_per_m")
 
 
 @dataclass(frozen=True)
 class ModelledExperiment:
-    """A study with its base model and the causes that are active.
+    """A study with its base model and active causes.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class ModelledExperiment:
     def of(
         cls, study: Study, forward: ForwardMap | None, active: Iterable[Cause | str]
     ) -> "ModelledExperiment":
-        """Check a study against what is possible, and build its models.
+        """Check a study for impossible data, and build its models.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class ModelledExperiment:
         catalogue: Iterable[Cause],
         active: Iterable[Cause | str],
     ) -> "ModelledExperiment":
-        """Build the model of readings and a forward map of one's own.
+        """Build the model of readings and a user's forward map.
 
         Raises
         ------
@@ -139,12 +139,12 @@ class ModelledExperiment:
 
     @property
     def own(self) -> OwnMap | None:
-        """The forward map of the user's own, if it is one."""
+        """The user's forward map, if any."""
         return self.assembly.own
 
     @property
     def density(self) -> JointModel:
-        """What is sampled.
+        """The sampled density.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class ModelledExperiment:
 
     @property
     def is_parallel(self) -> bool:
-        """Whether other processes know all that is computed with: nothing is the user's own."""
+        """Whether other processes can compute it, which excludes functions of the user."""
         if self.own is not None:
             return False
         forward = mechanics_of(self.assembly.model.forward)
@@ -182,7 +182,7 @@ class ModelledExperiment:
         return ours and all(map(_is_ours, tried))
 
     def cause(self, given: Cause | str) -> Cause:
-        """Return a cause by its name, with the priors that the study states, or a cause as it is.
+        """Return a cause by name, with the priors of the study, or a given cause unchanged.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class ModelledExperiment:
         return known[given]
 
     def with_candidates(self, causes: str | Iterable[Cause | str]) -> "ModelledExperiment":
-        """Return the experiment with other candidates: ``all`` that the study has, or a list."""
+        """Return the experiment with different candidates: ``all`` of the study, or a list."""
         if causes == "all":
             self._refuse_no_candidates(self.assembly.candidates)
             return self
@@ -220,14 +220,14 @@ class ModelledExperiment:
         if wanted or (self.own is None and self.assembly.unjudged):
             return
         if self.own is None:
-            raise BayesdegError("causes is empty: name at least one cause, or say 'all'")
+            raise BayesdegError("causes is empty; name at least one cause, or 'all'")
         raise BayesdegError(
-            "a model with a forward map of its own has no causes that could be named; give "
-            "them as criticise(fit, causes=[...]), or as Model(..., catalogue=[...])"
+            "a model with its own forward map has no candidate causes; give "
+            "criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
         )
 
     def fit(self, effort: Effort, seed: int, progress: Progress, executor: Executor | None) -> Fit:
-        """Calibrate the model; of the base model as ``bayesdeg run`` does with the same seed."""
+        """Calibrate the model; the base model as ``bayesdeg run`` does with the same seed."""
         streams = Streams.of(seed)
         found = None if self.judgement is None else extended_model(self.judgement)
         return calibrate(
@@ -242,24 +242,23 @@ class ModelledExperiment:
         )
 
     def said_of_map(self, fit: Fit | None = None) -> tuple[str, ...]:
-        """Say where the user's own forward map has no answer, at a fit's proposals too."""
+        """Say where the user's forward map fails, including a fit's proposals."""
         known = self.assembly.answers
         if known is not None and fit is not None:
             known = forward_map_of(Results(self.assembly, fit, fit, None))
         return () if known is None else forward_map_words(known)
 
     def posterior(self, fit: Fit, effort: Effort, seed: int) -> xr.DataTree:
-        """Return the draws that a run folder keeps, with predictions of what was read."""
+        """Return the draws that a run folder keeps, with predictions of the readings."""
         kept = fit.chain.thinned(EFFORTS[effort].kept)
         return to_datatree(fit.model, kept, np.random.default_rng(Streams.of(seed).drawing))
 
     def judge(
         self, fit: Fit, effort: Effort, seed: int, progress: Progress, executor: Executor | None
     ) -> tuple[VerdictRecord, Judgement | None]:
-        """Judge the base model; the same as ``bayesdeg run`` with the same seed.
+        """Judge the base model, as ``bayesdeg run`` does with the same seed.
 
-        Returns the content of ``verdict.json``, and what it rests on; None where there was nothing
-        to judge.
+        Returns the content of ``verdict.json`` and its basis; None if there was nothing to judge.
 
         Raises
         ------
@@ -269,7 +268,7 @@ class ModelledExperiment:
         if self.causes:
             names = ", ".join(cause.name for cause in self.causes)
             raise BayesdegError(
-                f"the model has {names} already, and a verdict is of a model without causes: "
+                f"the model already has {names}, but only a model without causes is judged: "
                 "criticise the calibration of the base model"
             )
         guard, streams, judgement = Guard(), Streams.of(seed), None
@@ -290,17 +289,17 @@ class ModelledExperiment:
         return verdict_of(results, residual, "", guard).model_copy(update=doubted), judgement
 
     def trial(self, fit: Fit) -> Trial:
-        """Return the calibration as what groups of readings can be left out of."""
+        """Return the calibration in a form from which groups of readings can be held out."""
         return base_of(fit)
 
     def folds(self, seed: int) -> np.random.SeedSequence:
-        """Return the seed with which a verdict holds out what the model is fitted to."""
+        """Return the seed with which a verdict holds out data."""
         if self.own is not None:
             return np.random.SeedSequence(seed).spawn(2)[1]
         return Streams.of(seed).verdict.spawn(3)[1]
 
     def tidy(self, gain: pd.DataFrame) -> pd.DataFrame:
-        """Return held-out scores; of a forward map of one's own in the unit of its readings."""
+        """Return held-out scores, for a user's forward map in the unit of its readings."""
         if self.own is None:
             return gain
         several = gain["degradation_pct"].nunique() > MOST_OF_ONE_LEVEL
@@ -323,7 +322,7 @@ class ModelledExperiment:
         return course.soil(EFFORTS[effort].kept)
 
     def drawn(self, fit: Fit, effort: Effort, seed: int) -> Posterior:
-        """Return the draws from which a run folder predicts.
+        """Return the draws for predictions, as in a run folder.
 
         They are over all sets of causes that the verdict could not tell apart, if the model is
         that of a verdict; `effort` and `seed` are those of the calibration.
@@ -331,15 +330,15 @@ class ModelledExperiment:
         Raises
         ------
         BayesdegError
-            If the study says nothing of how actuators bend.
+            If the study has no actuator readings.
         """
         kept = fit.chain.thinned(EFFORTS[effort].kept)
         if self.own is not None:
             return Posterior(fit.model, kept, own=self.own)
         if fit.model.forward is None:
             raise BayesdegError(
-                f"{self.study.name} has no readings of actuators, so its posterior does not say "
-                "how an actuator bends; add actuator.csv to the study"
+                f"{self.study.name} has no actuator readings, so its posterior cannot predict "
+                "actuators; add actuator.csv to the study"
             )
         final = Results(self.assembly, fit, fit, of_final(self.judgement, fit))
         averaged = with_average(final, Streams.of(seed).averaged, Guard(strict=True)).averaged
@@ -348,7 +347,7 @@ class ModelledExperiment:
 
 
 def _is_ours(cause: Cause) -> bool:
-    """Return whether a cause is of the catalogue, whatever the priors of its parameters."""
+    """Return whether a cause is from the catalogue, whatever its priors."""
     known = CATALOGUE.get(cause.name)
     return known is not None and replace(cause, parameters=known.parameters) == known
 
@@ -366,14 +365,14 @@ def _known_emulator(study: Study) -> Surrogate:
     found = find_emulator(geometry)
     if found.surrogate is None:
         raise BayesdegError(
-            f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds what "
-            "`bayesdeg run` trained here, or trains it"
+            f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds the "
+            "emulator that `bayesdeg run` trained here, or trains one"
         )
     return found.surrogate
 
 
 def _residual(fit: Fit, seed: np.random.SeedSequence) -> Floats | None:
-    """Return readings of curvature less their posterior predictions [1/m]; None without any."""
+    """Return curvature residuals of the posterior prediction [1/m]; None without readings."""
     if fit.model.actuator is None:
         return None
     found = predict_readings(fit.model, fit.chain, np.random.default_rng(seed))
@@ -381,7 +380,7 @@ def _residual(fit: Fit, seed: np.random.SeedSequence) -> Floats | None:
 
 
 def of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
-    """Return a judgement with the sizes that the final model's posterior gives to its causes.
+    """Return a judgement with the sizes of the causes from the final model's posterior.
 
     Raises
     ------
@@ -398,7 +397,7 @@ def of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
         judgement = replace(judgement, counts_fitted=given == sorted(wanted))
     elif given != sorted(wanted):
         raise BayesdegError(
-            f"the final model has {', '.join(given)}, and the verdict predicts with "
+            f"the final model has {', '.join(given)}, but the verdict predicts with "
             f"{', '.join(wanted) or 'no cause'}; calibrate "
             "model.with_verdict(verdict)"
         )

@@ -1,4 +1,4 @@
-"""What the films alone say: their course of degradation, the polynomials' order, the law."""
+"""Analysis of the films alone: course of degradation, polynomial order, material law."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 COMMON_ERROR = "common_error"
 TARGET = 25.0  # %, the largest degradation rate of doi:10.3389/frobt.2021.760485
-NEARLY_CERTAIN = 0.95  # probability from which the time has a 90 % interval
+NEARLY_CERTAIN = 0.95  # probability above which the time has a 90 % interval
 POINTS = 73
 QUANTILES = (5, 25, 50, 75, 95)
 
@@ -58,14 +58,14 @@ class CourseFit:
         return self.model.table.named(self.chain.vectors.reshape(-1, self.chain.vectors.shape[-1]))
 
     def soil(self, kept: int) -> Soil:
-        """Return the course by the draws that a run folder keeps, in the order of its file."""
+        """Return the course for the draws in a run folder, in the order of its file."""
         ordered = self.chain.thinned(kept).by_walker
         return Soil(self.model.table.named(ordered.reshape(-1, ordered.shape[-1])))
 
 
 @dataclass(frozen=True)
 class Films:
-    """What the films alone say.
+    """Results from the films alone.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class Films:
         return found
 
     def sentences(self) -> dict[str, str]:
-        """Return what was found, in plain words."""
+        """Return the results in words."""
         said = {}
         if self.course is not None:
             said[columns.COURSE] = worded(course_summary(self.course))
@@ -122,7 +122,7 @@ def begin_examination(
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
 ) -> Examination:
-    """Begin to ask what the films alone say: orders and laws are compared beside other work.
+    """Start the analysis of the films; orders and laws are compared in the background.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _examined(
 
 
 def _orders(model: JointModel, seed: np.random.SeedSequence) -> OrderComparison | None:
-    # one thread: the same bits in whatever process
+    # one thread: the same bits in any process
     with threadpool_limits(limits=1):
         return compare_orders(model, seed=seed)
 
@@ -189,7 +189,7 @@ def _laws(
 
 
 def course_of(study: Study, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:
-    """Calibrate the course of degradation as `begin_examination` does with the same seed.
+    """Calibrate the course of degradation, as `begin_examination` does with the same seed.
 
     Returns
     -------
@@ -202,7 +202,7 @@ def course_of(study: Study, effort: Effort, seed: np.random.SeedSequence) -> Cou
 def course_table(fit: CourseFit, generator: np.random.Generator) -> pd.DataFrame:
     """Return bands of degradation rate and moisture against time, and the films: ``course.csv``.
 
-    The band of the degradation rate is that of the mean film, the one of moisture that of a film.
+    The band of the degradation rate is for the mean film, that of moisture for a single film.
     """
     model, values = fit.model, fit.draws
     time = np.linspace(0.0, float(model.time_h.max()), POINTS)
@@ -230,7 +230,7 @@ def course_table(fit: CourseFit, generator: np.random.Generator) -> pd.DataFrame
 
 @dataclass(frozen=True)
 class CourseSummary:
-    """When a degradation rate is reached, or how likely it is to be reached at all.
+    """Time at which a degradation rate is reached, or the probability that it ever is.
 
     Parameters
     ----------
@@ -255,13 +255,13 @@ class CourseSummary:
 
     @property
     def is_certain(self) -> bool:
-        """Whether it is reached in nearly all draws, so that the time has an interval."""
+        """Whether nearly all draws reach it, so that the time has an interval."""
         return self.reached >= NEARLY_CERTAIN
 
 
 @dataclass(frozen=True)
 class CommonError:
-    """How large the error is that all degradation rates share, beside what the study states.
+    """The error shared by all degradation rates, and the one stated by the study.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ class CommonError:
 
 
 def course_summary(fit: CourseFit, target: float = TARGET) -> CourseSummary:
-    """Return when a degradation rate is reached, or how likely it is to be reached at all."""
+    """Return when a degradation rate is reached, or the probability that it ever is."""
     values = fit.draws
     time = time_to_reach(values, target)
     middle, low, high = np.percentile(time, (50, 5, 95), method="nearest").tolist()
@@ -301,7 +301,7 @@ def course_summary(fit: CourseFit, target: float = TARGET) -> CourseSummary:
 
 
 def common_error(fit: CourseFit, stated: Floats) -> CommonError:
-    """Return how large the error is that all degradation rates share.
+    """Return the error shared by all degradation rates.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A finished run becomes a model again that predicts, from its folder alone."""
+"""Rebuild a predictive model from the folder of a finished run."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -71,7 +71,7 @@ from bayesdeg.report.wording import SPACE, sentences
 
 Floats = NDArray[np.float64]
 
-# beginnings of names of what can only be above 0
+# prefixes of the names of positive parameters
 _CONSTANTS = ("c1", "c2_ratio", "c3")
 _CONTROLS = tuple(f"{name}_{kind}_" for name in _CONSTANTS for kind in ("at", "control"))
 _ELONGATION = "elongation"
@@ -79,7 +79,7 @@ _POSITIVE = (PAPER_STIFFNESS, "volume_ratio", "c1_", "c3_", f"{_ELONGATION}_at_"
 
 
 def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
-    """Return what `read_stored` needs of a model beside its posterior: ``model`` of ``run.json``.
+    """Return ``model`` of ``run.json``, which `read_stored` needs besides the posterior.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
 def read_stored(
     path: Path, *, base: bool = False, emulator: Path | None = None, cache: Path = CACHE
 ) -> Posterior:
-    """Read a finished run's posterior, and rebuild the model that it is of.
+    """Read a finished run's posterior and rebuild its model.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def read_stored(
     """
     if not path.is_dir():
         raise BayesdegError(
-            f"{path}: there is no such folder; name a run folder, such as reports/NAME, that "
+            f"{path}: no such folder; name a run folder, such as reports/NAME, that "
             "`bayesdeg run` has written"
         )
     folder = RunFolder(path)
@@ -156,14 +156,14 @@ def read_stored(
     refuse_impossible_draws(draws, path)
     if not bends_actuators(draws):
         raise BayesdegError(
-            f"{path}: the study has no readings of actuators, so its posterior does not say how an "
-            "actuator bends; add actuator.csv to the study and run it again"
+            f"{path}: the study has no actuator readings, so its posterior cannot predict "
+            "actuators; add actuator.csv to the study and run it again"
         )
     try:
         if run.model is None:
             raise BayesdegError(
-                "run.json is from an older version and does not say what the posterior is of; run "
-                "the study again with `bayesdeg run`"
+                "run.json is from an older version and does not describe the model of the "
+                "posterior; run the study again with `bayesdeg run`"
             )
         model = _model(run.model, draws, emulator_of(folder, run, emulator, cache))
         _refuse_other_members(members, model)
@@ -180,7 +180,7 @@ def read_stored(
 
 
 def bends_actuators(parameters: Iterable[str]) -> bool:
-    """Return whether a posterior of these parameters says how an actuator bends.
+    """Return whether a posterior with these parameters can predict actuators.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def bends_actuators(parameters: Iterable[str]) -> bool:
 
 
 def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> None:
-    """Refuse sets of causes that are not those of the draws, or whose probabilities are none."""
+    """Refuse sets of causes that do not match the draws, or invalid probabilities."""
     sets = {frozenset(member.causes) for member in members}
     theirs = {name for one in sets for name in one}
     known = {cause.name for cause in model.causes}
@@ -199,7 +199,7 @@ def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> 
     are_shares = min(shares, default=1.0) >= 0.0 and abs(sum(shares) - 1.0) < ROUNDING
     if members and not (len(sets) == len(members) and theirs == known and are_shares):
         raise RecordError(
-            f"'averaged' of run.json does not fit {POSTERIOR_AVERAGED}.nc; run the study again "
+            f"'averaged' in run.json does not match {POSTERIOR_AVERAGED}.nc; run the study again "
             "with --fresh"
         )
 
@@ -207,11 +207,11 @@ def _refuse_other_members(members: Sequence[MemberEntry], model: JointModel) -> 
 def _numbers(
     tree: xr.DataTree, shape: tuple[int, ...], members: int, path: Path
 ) -> NDArray[np.int64]:
-    """Return of which set of causes each draw is, (n,), of draws of a shape (1, n)."""
+    """Return the set of causes of each draw, (n,), for draws of shape (1, n)."""
     stats = tree["sample_stats"].to_dataset() if "sample_stats" in tree.children else xr.Dataset()
     found = stats["member"].to_numpy() if "member" in stats else np.empty(0)
     if found.shape != shape or len(found) > 1 or {*found[0].tolist()} != {*range(members)}:
-        raise _impossible(path, "its draws are not of the sets of causes that run.json lists")
+        raise _impossible(path, "its draws do not match the sets of causes in run.json")
     number: NDArray[np.int64] = found[0].astype(np.int64)
     return number
 
@@ -219,14 +219,14 @@ def _numbers(
 def _posterior(tree: xr.DataTree, path: Path) -> xr.Dataset:
     if "posterior" not in tree.children:
         raise BayesdegError(
-            f"{path}: the posterior holds no draws, so the file is damaged or from another "
+            f"{path}: the posterior has no draws; the file is damaged or from a different "
             "version; run the study again with --fresh"
         )
     return tree["posterior"].to_dataset()
 
 
 def refuse_impossible_draws(draws: Mapping[str, Floats], path: Path) -> None:
-    """Refuse draws that no calibration leaves: not finite, or not positive where it must be.
+    """Refuse impossible draws: not finite, or not positive where required.
 
     Raises
     ------
@@ -235,23 +235,23 @@ def refuse_impossible_draws(draws: Mapping[str, Floats], path: Path) -> None:
     """
     shapes = {values.shape for values in draws.values()}
     if len(shapes) != 1 or len(shape := shapes.pop()) != 2 or 0 in shape:
-        raise _impossible(path, "its parameters have no draws, or not the same number of them")
+        raise _impossible(path, "its parameters have no draws, or different numbers of them")
     for name, values in draws.items():
         if not np.issubdtype(values.dtype, np.floating) or not np.all(np.abs(values) <= LARGEST):
-            raise _impossible(path, f"draws of {name} are no finite numbers")
+            raise _impossible(path, f"draws of {name} are not finite")
         if name.startswith(_POSITIVE) and not np.all(values > 0.0):
-            raise _impossible(path, f"{name} is {values.min():.3g}, and can only be above 0")
+            raise _impossible(path, f"{name} is {values.min():.3g}, but must be above 0")
 
 
 def _impossible(path: Path, problem: str) -> BayesdegError:
     return BayesdegError(
-        f"{path}: the posterior is damaged, or is not of bayesdeg: {problem}; run the study again "
+        f"{path}: the posterior is damaged or not from bayesdeg: {problem}; run the study again "
         "with --fresh"
     )
 
 
 def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -> JointModel:
-    """Rebuild a model from its record and the names of its draws."""
+    """Rebuild a model from its record and parameter names."""
     nodes = _known(entry.nodes_pct)
     neo_hookean = entry.material_law == "neo_hookean"
     constants = _CONSTANTS[:1] if neo_hookean else _CONSTANTS
@@ -265,7 +265,7 @@ def _model(entry: ModelEntry, draws: Mapping[str, Floats], forward: Surrogate) -
         beside += [name for name in draws if "." not in name and name not in entry.parameters]
     if beside:
         raise RecordError(
-            f"posterior and run.json do not belong together (run.json knows no {beside[0]}); run "
+            f"posterior and run.json do not match ({beside[0]} is not in run.json); run "
             "the study again with --fresh"
         )
     of_causes = [name for name in draws if "." in name and not is_dimension(name)]
@@ -301,13 +301,13 @@ def _refuse_missing(wanted: Iterable[str], draws: Mapping[str, Floats]) -> None:
     missing = [name for name in wanted if name not in draws]
     if missing:
         raise RecordError(
-            f"posterior and run.json do not belong together ({', '.join(missing)} is missing); "
+            f"posterior and run.json do not match ({', '.join(missing)} is missing); "
             "run the study again with --fresh"
         )
 
 
 def as_recorded(entry: ModelEntry, mechanics: ForwardMap) -> ForwardMap:
-    """Return the map of the readings that a model is of.
+    """Return the map for the readings of a model.
 
     Raises
     ------
@@ -340,14 +340,14 @@ def _criterion(entry: ModelEntry) -> RuptureCriterion:
 
 
 def _flat(cause: Cause) -> Cause:
-    """Return a cause whose parameters are sampled as they are known."""
+    """Return a cause with its parameters sampled on their own scale."""
     return replace(cause, parameters=tuple(replace(p, law=Flat()) for p in cause.parameters))
 
 
 def emulator_of(
     folder: RunFolder, run: RunRecord, given: Path | None = None, cache: Path = CACHE
 ) -> Surrogate:
-    """Return the emulator that a run used, known by the record of its training.
+    """Return the emulator that a run used, identified by its training record.
 
     It is the one in the run folder, the package's, or one that was trained here.
 
@@ -366,7 +366,7 @@ def emulator_of(
         if _same(found, training):
             return found
         raise BayesdegError(
-            f"{given} is not the emulator of this run; give the one that `bayesdeg run` was given, "
+            f"{given} is not the emulator of this run; give the one given to `bayesdeg run`, "
             "or leave out --emulator"
         )
     own = folder.path / EMULATOR
@@ -378,12 +378,12 @@ def emulator_of(
     kept = _kept(training, cache)
     if kept is not None and kept.exists() and _same(found := read_trained(kept), training):
         return found
-    for path in sorted(cache.glob("*.npz")):  # those of one study have names of their own
+    for path in sorted(cache.glob("*.npz")):  # emulators of one study have different names
         if _is_of(path, training):
             return read_trained(path)
     raise BayesdegError(
-        f"the emulator that the run used is neither in the run folder ({EMULATOR}), nor in this "
-        f"version of the package, nor in {cache.absolute()}; give its file with --emulator FILE, "
+        f"the emulator of the run is not in the run folder ({EMULATOR}), in this "
+        f"version of the package or in {cache.absolute()}; give its file with --emulator FILE, "
         "or run the study again with `bayesdeg run`"
     )
 
@@ -393,12 +393,12 @@ def _same(surrogate: Surrogate, training: Mapping[str, object]) -> bool:
 
 
 def _is_record(record: str, training: Mapping[str, object]) -> bool:
-    # what is not finite is written as null
+    # non-finite values are written as null
     return bool(json.loads(record, parse_constant=lambda _: None) == training)
 
 
 def _is_of(path: Path, training: Mapping[str, object]) -> bool:
-    """Return whether a file holds the emulator of a training; a damaged one does not."""
+    """Return whether a file holds the emulator of a training record; False if damaged."""
     try:
         return _is_record(read_content(path, record_of), training)
     except BayesdegError:
@@ -406,7 +406,7 @@ def _is_of(path: Path, training: Mapping[str, object]) -> bool:
 
 
 def _kept(training: Mapping[str, object], cache: Path) -> Path | None:
-    """Return where an emulator of that geometry is kept."""
+    """Return the file of an emulator of that geometry."""
     trained = training.get("dimensions_mm")
     known = {field.name for field in fields(Dimensions)}
     if not isinstance(trained, dict) or set(trained) != known:
@@ -428,12 +428,12 @@ def _known(numbers: Sequence[float | None]) -> tuple[float, ...]:
 BAND_DRAWS, RUPTURE_DRAWS, ANSWER_DRAWS = 2000, 1000, 500
 TIME, RATE_COLUMNS = "time_h", ("degradation_q05", "degradation_q95")
 PRESSURES_AT_ONCE = 40  # bounds the memory
-LEAST_ANSWERED = 0.5  # of the specimens; below, a band says nothing
+LEAST_ANSWERED = 0.5  # share of the specimens below which there is no band
 NEARLY_ALL = 0.99
 BAND_COLUMNS = tuple(f"q{round(100 * q):02d}" for q in QUANTILES)
 PROBABILITY_COLUMNS = ("probability", "probability_q05", "probability_q95")
-ROUNDING = 1e-6  # of probabilities that add up to 1
-POINT = 1.0  # by which a degradation rate may lie outside of what was measured [%]
+ROUNDING = 1e-6  # tolerance of probabilities that sum to 1
+POINT = 1.0  # tolerance of degradation rates outside the measured range [%]
 
 
 MODEL = "model"
@@ -534,7 +534,7 @@ def _predicted(
     seed: np.random.SeedSequence,
 ) -> pd.DataFrame:
     conditions = specimens.conditions
-    # anew from the seed, so that every row is about the same draws
+    # from the seed again, so that every row uses the same draws
     model, chain, generator = stored.model, stored.chain, np.random.default_rng(seed)
     table = curvature_bands(
         *(model, chain, generator),
@@ -562,7 +562,7 @@ def _predicted(
 
 
 def _why(answered: float, *, rupture: bool) -> str:
-    """Say why a row is empty, or what it leaves out; empty if nothing."""
+    """Say why a row is empty or incomplete; empty if it is complete."""
     return _said(
         "unanswered",
         left=1.0 - answered,
@@ -613,7 +613,7 @@ def soil_of(path: Path) -> Soil:
 
 
 def known_soil_of(path: Path) -> Soil | None:
-    """Read the course of degradation as `soil_of` does; None where the run found none."""
+    """Read the course of degradation as `soil_of` does; None if the run has none."""
     draws = RunFolder(path).draws_of(POSTERIOR_COURSE)
     if draws is None:
         return None
@@ -624,16 +624,16 @@ def known_soil_of(path: Path) -> Soil | None:
         raise _impossible(path, "the course of degradation lacks a parameter")
     for name, drawn in values.items():
         if not np.all(drawn >= 0.0):
-            raise _impossible(path, f"draws of {name} are no numbers above 0")
+            raise _impossible(path, f"draws of {name} must be above 0")
     return Soil(values)
 
 
 NO_COURSE = (
-    "the study has no moisture of films against time in the soil, so hours say nothing of the "
-    "degradation rate; give the rate itself, or add moisture.csv with fresh films and films of one "
-    "later time or more, and run the study again"
+    "the study has no film moisture against time in the soil, so hours cannot be converted to "
+    "degradation rates; give the rate itself, or add moisture.csv with fresh films and films of at "
+    "least one later time, and run the study again"
 )
-COURSE_STREAM = 3  # of the seed: draws of the course are independent of all others
+COURSE_STREAM = 3  # stream of the seed: draws of the course are independent of all others
 
 
 def settings(
@@ -694,12 +694,12 @@ def settings(
 
 
 def ceiling_of(experience: Experience, level: Level) -> float:
-    """Return what experience allows at all degradation rates that are likely [kPa]."""
+    """Return the pressure that tests allow at all likely degradation rates [kPa]."""
     return min(experience.ceiling(float(rate)) for rate in level.interval)
 
 
 def settings_table(found: list[Setting]) -> pd.DataFrame:
-    """Return settings as a table, one row each; what is not finite is empty."""
+    """Return settings as a table, one row each, with non-finite values empty."""
     rows = [
         ({} if s.hours is None else {TIME: s.hours})
         | {"degradation_pct": s.degradation}
@@ -728,7 +728,7 @@ def statement(setting: Setting) -> str:
 def basis(
     experience: Experience, allowed: Mapping[float, float], *, beyond: bool, strong: bool
 ) -> tuple[str, ...]:
-    """Say what bounds pressures besides the risk, or what those above it rest on.
+    """Say which tests limit pressures, or that higher ones rest on no test.
 
     Parameters
     ----------
@@ -756,7 +756,7 @@ def allowed_by_rate(found: Sequence[Setting]) -> dict[float, float]:
 
 @dataclass(frozen=True)
 class Caution:
-    """Something that a user of predictions should know.
+    """A warning about predictions.
 
     Parameters
     ----------
@@ -777,7 +777,7 @@ class Caution:
 def unanswered_conditions(
     stored: Posterior, degradation: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
-    """Say which conditions move nothing that is predicted; parameters of `predict`."""
+    """Warn about conditions without effect; parameters as in `predict`."""
     ends = np.unique(degradation[[0, -1]])
     names = moving_nothing(stored.model, stored.chain, ends, conditions)
     causes = [cause.name for cause in stored.model.causes]
@@ -789,16 +789,16 @@ def unanswered_conditions(
 
 
 def rates_of(levels: Sequence[Level]) -> Floats:
-    """Return the degradation rates that are asked, rising: those known, or the ends of others."""
+    """Return the requested degradation rates, sorted: known ones, or the ends of intervals."""
     ends = [level.interval[[0, -1]] for level in levels]
     rates = np.unique(np.concatenate([np.empty(0), *ends]))
-    # after a time in the soil a small rate is no percentage given as a fraction
+    # after a time in the soil a small rate is not a fraction given by mistake
     known = all(level.is_known for level in levels)
     return rates if known else np.unique(np.where(_is_small(rates), 0.0, rates))
 
 
 def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tuple[str, ...]:
-    """Say where times in the soil are longer than any film was in it.
+    """Warn about times in the soil longer than that of any film.
 
     Parameters
     ----------
@@ -816,7 +816,7 @@ def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tupl
 def said_of(
     stored: Posterior, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
-    """Say what a user of predictions at these levels and pressures should know."""
+    """Return warnings for predictions at these levels and pressures."""
     rates = rates_of(levels)
     return (
         *warnings(stored, rates, pressure),
@@ -833,7 +833,7 @@ def said_of_settings(
     *,
     beyond: bool,
 ) -> tuple[str, ...]:
-    """Say what a user of settings should know."""
+    """Return warnings for settings."""
     set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
     strong = stored.model.has_elongation
     return (
@@ -860,7 +860,7 @@ def warnings(stored: Posterior, degradation: Floats, pressure: Floats) -> tuple[
 def extrapolations(
     measured: Mapping[str, Range], degradation: Floats, pressure: Floats
 ) -> tuple[str, ...]:
-    """Say where predictions lie outside of what was measured.
+    """Warn about predictions outside the measurements.
 
     Parameters
     ----------
@@ -883,7 +883,7 @@ def extrapolations(
 
 
 def small_risk(stored: Posterior, risk: float) -> tuple[str, ...]:
-    """Say so where a risk is smaller than any probability that the specimens can support."""
+    """Warn about a risk below any probability that the specimens can support."""
     checks = stored.checks()
     if not stored.model.has_elongation or risk * checks >= 1.0:
         return ()
@@ -891,7 +891,7 @@ def small_risk(stored: Posterior, risk: float) -> tuple[str, ...]:
 
 
 def _is_small(degradation: Floats) -> NDArray[np.bool_]:
-    """Return which rates look like fractions in place of percent."""
+    """Return rates that look like fractions instead of percent."""
     return (degradation > 0.0) & (degradation < 1.0)
 
 
@@ -913,7 +913,7 @@ def _beyond_rates(measured: Mapping[str, Range], degradation: Floats) -> Iterato
 
 
 def _about_model(stored: Posterior) -> Iterator[str]:
-    """Yield what the run itself says of the model that predicts."""
+    """Yield warnings of the run about the predictive model."""
     if not stored.is_stored:
         if stored.members:
             yield str(Caution("averaged", {"members": stored.members, "by_command": False}))
@@ -925,7 +925,7 @@ def _about_model(stored: Posterior) -> Iterator[str]:
 
 
 def doubts_of_run(stored: Posterior) -> Iterator[Caution]:
-    """Yield what the verdict and the data of a run leave open."""
+    """Yield warnings from the verdict and the data of a run."""
     if stored.verdict.outcome == "unexplained":
         yield Caution("unexplained")
     if stored.members:

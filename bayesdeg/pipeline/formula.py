@@ -1,7 +1,7 @@
-"""Readings and a forward map of one's own become a model, as a study of actuators does.
+"""Models of readings and a user's forward map.
 
 Readings are y = f(θ, x) + s a + e: f the forward map, e ~ N(0, σ²) the reading error, and, where
-specimens differ, one deviation a ~ N(0, 1) of each specimen, which moves all of its readings by s.
+specimens differ, one deviation a ~ N(0, 1) per specimen, which shifts all its readings by s a.
 """
 
 import re
@@ -27,22 +27,24 @@ Floats = NDArray[np.float64]
 Forward = Callable[[dict[str, Floats], Any], ArrayLike]
 
 SHARE_OF_SPREAD = 0.5
-"""Scale of the default prior of a reading error, of the standard deviation of all readings: 95 % of
-it is then below the error that a model which explains nothing would leave."""
-#: What Python and numpy say of a function for single numbers that is given arrays.
+"""Scale of the default prior of a reading error, relative to the standard deviation of all
+readings: 95 % of it is then below the error of a model that explains nothing."""
+#: Messages of Python and numpy for a scalar function called with arrays.
 _ON_ARRAYS = re.compile(
     "can be converted to Python scalars|cannot convert the series to|truth value of an? "
 )
 FOR_ARRAYS = "write it for arrays: np.exp for math.exp, np.where for if"
-PROBED = 3  # vectors with which a forward map is tried
-PRIOR_DRAWS = 400  # at which answers are counted: a share of 5 % has a standard error of 1 %
+PROBED = 3  # parameter vectors for trying a forward map
+PRIOR_DRAWS = 400  # prior draws for counting answers: a share of 5 % has a standard error of 1 %
 CALLED_TWICE = 32  # of these
-SAME_ANSWER = 1e-9  # of the largest prediction; parallel sums differ by less, and are no noise
+SAME_ANSWER = (
+    1e-9  # relative to the largest prediction; parallel sums differ by less and are not noise
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Readings of one kind: what was set, and what was read.
+    """Readings of one kind, with their inputs.
 
     Parameters
     ----------
@@ -93,7 +95,7 @@ class Readings:
     level_unit: str = ""
 
     def __post_init__(self) -> None:
-        """Bring readings to arrays, and refuse what does not go together."""
+        """Convert readings to arrays, and refuse inconsistent shapes."""
         y = np.asarray(self.y, dtype=np.float64)
         x = as_inputs(self.x)
         if y.ndim != 1 or not len(y) or not np.all(np.isfinite(y)):
@@ -101,12 +103,12 @@ class Readings:
         counts = {np.shape(column)[:1] for _, column in columns_of(x)}
         if counts != {y.shape}:
             rows = ", ".join(f"{count[0]} rows" if count else "a single number" for count in counts)
-            raise BayesdegError(f"{self.name}: x has {rows}, and y has {len(y)} readings")
+            raise BayesdegError(f"{self.name}: x has {rows}, but y has {len(y)} readings")
         for other in ("specimen", "level", "time", "history"):
             value = getattr(self, other)
             if value is not None and np.shape(value) not in ((), y.shape):
                 raise BayesdegError(
-                    f"{self.name}: {other} has shape {np.shape(value)}, and y {y.shape}"
+                    f"{self.name}: {other} has shape {np.shape(value)}, but y has {y.shape}"
                 )
         if isinstance(self.error, (bool, str)):
             raise BayesdegError(f"{self.name}: error must be a number, an array or a prior law")
@@ -118,7 +120,7 @@ class Readings:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters that the readings add: of error and scatter, where they are not known."""
+        """The parameters of unknown error and scatter."""
         found = []
         if isinstance(self.error, Parameter):
             found.append(self.error)
@@ -127,7 +129,7 @@ class Readings:
             law = self.error if isinstance(self.error, Law) else self._default()
             found.append(Parameter(f"{self.name}_error", law, self.unit, meaning))
         if self.scatter is not False:
-            meaning = f"shift of {self.name} from specimen to specimen, standard deviation"
+            meaning = f"specimen-to-specimen shift of {self.name}, standard deviation"
             law = self.scatter if isinstance(self.scatter, Law) else self._default()
             found.append(Parameter(f"{self.name}_scatter", law, self.unit, meaning))
         return tuple(found)
@@ -145,13 +147,13 @@ class Readings:
         spread = float(np.std(self.y))
         if spread == 0.0:
             raise BayesdegError(
-                f"{self.name}: readings that are all alike say nothing of their error; give error="
+                f"{self.name}: all readings are equal, so their error is unknown; give error="
             )
         return HalfNormal(SHARE_OF_SPREAD * spread)
 
     @property
     def places(self) -> Places:
-        """Where the readings stand."""
+        """Return the places of the readings."""
         column = next(column for _, column in columns_of(self.x))
         along = np.asarray(column, dtype=np.float64).reshape(len(self.y), -1)[:, 0]
         own = [f"{self.name} {number}" for number in range(1, len(self.y) + 1)]
@@ -188,7 +190,7 @@ def columns_of(x: Any) -> Iterator[tuple[str, Any]]:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What the forward map is asked: values by name (k,), and what each kind of readings was at."""
+    """Inputs of the forward map: values by name (k,), and the inputs of each kind of readings."""
 
     values: dict[str, Floats]
     x: tuple[Any, ...]
@@ -223,7 +225,7 @@ class OwnMap:
         readings: Readings | Iterable[Readings],
         forward: Forward | Mapping[str, Forward] | None,
     ) -> "OwnMap":
-        """Check that readings and forward map go together.
+        """Check that readings and forward map match.
 
         Raises
         ------
@@ -234,18 +236,18 @@ class OwnMap:
         wrong = [type(block).__name__ for block in blocks if not isinstance(block, Readings)]
         if wrong or not blocks:
             raise BayesdegError(
-                "a Model is of a study, or of a list of Readings and a forward map, not of "
+                "a Model needs a study, or a list of Readings and a forward map, not "
                 f"{', '.join(wrong) or 'an empty list'}"
             )
         return cls(blocks, _maps(blocks, forward))
 
     @property
     def title(self) -> str:
-        """What it is of, in words."""
+        """Name of the readings in words."""
         return ", ".join(block.name for block in self.readings)
 
     def model(self, parameters: Iterable[Parameter]) -> JointModel:
-        """Return what is sampled and judged.
+        """Return the density that is sampled and judged.
 
         Raises
         ------
@@ -282,7 +284,7 @@ class OwnMap:
                 raise BayesdegError(
                     f"{self.source} must return {block.name} of shape {shape}, one row for each of "
                     f"the values and one column for each reading, not {answer.shape}; write "
-                    "values[name][:, None] to let values stand against x"
+                    "values[name][:, None] to broadcast values against x"
                 )
             found.append(answer)
         return tuple(found)
@@ -305,7 +307,7 @@ def _count(x: Any) -> int:
 
 
 def probe(model: JointModel) -> None:
-    """Ask a forward map once, so that a wrong shape is told before anything is computed.
+    """Evaluate a forward map once, to report a wrong shape before anything is computed.
 
     Raises
     ------
@@ -326,7 +328,7 @@ def probe(model: JointModel) -> None:
 
 
 def is_for_numbers(fault: BaseException) -> bool:
-    """Return whether a function fails since it is written for single numbers.
+    """Return whether a function fails because it is written for single numbers.
 
     Examples
     --------
@@ -363,7 +365,7 @@ def answers_of(model: JointModel) -> ForwardMapEntry:
 
 
 def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
-    """Return a cause of one's own, by itself or by its name.
+    """Return a user's cause, given itself or its name.
 
     Raises
     ------
@@ -385,7 +387,7 @@ def _maps(
     names = [block.name for block in blocks]
     if len(set(names)) < len(names):
         raise BayesdegError(
-            f"several kinds of readings need names of their own, Readings(..., name=), not {names}"
+            f"several kinds of readings need distinct names, Readings(..., name=), not {names}"
         )
     if isinstance(forward, Mapping):
         missing = [name for name in names if not callable(forward.get(name))]
@@ -410,9 +412,9 @@ def _side_by_side(readings: tuple[Floats, ...]) -> Floats:
 
 
 def _of_blocks(cause: Cause) -> Cause:
-    """Return a cause whose hooks act on every kind of readings in turn.
+    """Return a cause whose hooks act on every kind of readings.
 
-    One without hooks acts through its parameters, which the forward map is given by name.
+    A cause without hooks acts through its parameters, which the forward map gets by name.
     """
     hooks: dict[str, Any] = {"on_inputs": partial(_on_inputs, cause.on_inputs)}
     if cause.on_reading is not None:

@@ -1,4 +1,4 @@
-"""Everything that a verdict rests on, and what follows from it for the final model."""
+"""The judgement of a base model, and the final model that follows from it."""
 
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
@@ -79,12 +79,12 @@ from bayesdeg.report.wording import sentences, worded
 Floats = NDArray[np.float64]
 
 BASE: Names = frozenset()
-DRAWS = 4000  # of what may be trusted of a parameter
+DRAWS = 4000  # draws for the reliable value of a parameter
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Everything that the verdict rests on.
+    """The results behind a verdict.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class Judgement:
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
-        """Causes that are part of the model with which predictions are made."""
+        """Causes in the predictive model."""
         if not self.sampled:
             return ()
         fitted = self.of_counts if self.counts_fitted else None
@@ -168,12 +168,12 @@ class Judgement:
 
     @property
     def of_readings(self) -> Names:
-        """Those of them that the readings show."""
+        """Causes in the predictive model that the readings show."""
         return extension(self.decision, self.supported)
 
     @property
     def of_counts(self) -> CountedCause | None:
-        """The cause that explains published counts, where the decision is for it."""
+        """The cause that explains published counts, if decided."""
         found = None if self.counted is None else self.counted.best
         spoken_for = {*self.decision.causes, *(n for one in self.decision.one_of for n in one)}
         return found if found is not None and found.name in spoken_for else None
@@ -185,12 +185,12 @@ class Judgement:
 
     @property
     def steps(self) -> tuple[Step, Step]:
-        """What is known of the base model, and with all that the evidence favours."""
+        """Tests of the base model, and of the model with all favoured causes."""
         return self.search.step(BASE), self.search.step(self.chosen)
 
     @property
     def possible(self) -> tuple[Names, ...]:
-        """Sets of causes that may be right, the favoured one first; none where a misfit is left."""
+        """Sets of causes that may be right, the favoured one first; none if a misfit is left."""
         if self.decision.outcome in (Outcome.UNEXPLAINED, Outcome.NOT_JUDGED):
             return ()
         if not self.decision.causes:
@@ -204,7 +204,7 @@ class Judgement:
     def draws(self, name: str, generator: np.random.Generator) -> Floats:
         """Draw a base parameter, averaged over the sets that may be right by their evidence.
 
-        Empty where no set may be right: nothing is known of the parameter that could be trusted.
+        Empty if no set may be right: then no value of the parameter is reliable.
         """
         if not self.possible:
             return np.empty(0)
@@ -220,7 +220,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Description:
-    """What a misfit looks like that no cause accounts for.
+    """Description of a misfit that no cause accounts for.
 
     Parameters
     ----------
@@ -241,9 +241,10 @@ class Description:
 
     @property
     def chief(self) -> ColumnMisfit | None:
-        """The column with the largest share: of those that hold as much the one of fewest levels.
+        """The column with the largest share; of similar ones, that with the fewest levels.
 
-        A column of many levels, as of specimens, takes up what one of few does as well.
+        A column with many levels, such as specimens, absorbs what one with few levels explains as
+        well.
         """
         largest = max((one.share for one in self.columns), default=0.0)
         near = [one for one in self.columns if one.share >= MOSTLY * largest]
@@ -262,9 +263,9 @@ def label(names: Names) -> str:
 
 
 def extended_model(judgement: Judgement) -> tuple[JointModel, Floats] | None:
-    """Return the model with the named causes, or the leading one; None if there is none.
+    """Return the model with the named or leading causes; None if there are none.
 
-    Where a cause explains counts of ruptures, they are part of its data.
+    If a cause explains rupture counts, these are part of its data.
     """
     counted = judgement.of_counts
     if counted is not None:
@@ -277,11 +278,11 @@ def extended_model(judgement: Judgement) -> tuple[JointModel, Floats] | None:
 
 
 def extension(decision: Decision, supported: tuple[Support, ...]) -> Names:
-    """Return the causes that join the final model: all that the evidence favours, if any is named.
+    """Return the causes of the final model: all that the evidence favours, if any is named.
 
-    Of inseparable ones the best joins. At what was read its predictions are as good as those of the
-    others, elsewhere they may differ: a wrong scale and thicker walls give the same curvatures, and
-    other bend angles. Reports of ambiguous outcomes therefore say with which one they predict.
+    Of inseparable causes the best is used. It predicts the readings as well as the others, but may
+    differ elsewhere: a wrong scale and thicker walls give the same curvatures but different bend
+    angles. Reports of ambiguous outcomes therefore say which one they use.
     """
     return frozenset(one.cause for one in supported) if decision.causes else BASE
 
@@ -289,11 +290,10 @@ def extension(decision: Decision, supported: tuple[Support, ...]) -> Names:
 def readings_misfit(
     judgement: Judgement, kind: str = CURVATURE
 ) -> tuple[float | None, float | None]:
-    """Return RMS residuals of one kind of reading under the base model, and what is left.
+    """Return rms residuals of one kind of reading under the base model, and the noise.
 
-    What is left after all that the evidence favours, and a smooth discrepancy, are taken off: the
-    scatter of specimens and the errors of reading. In the unit of the kind (1/m, MPa); None where
-    it was not read.
+    The noise is what remains after all favoured causes and a smooth discrepancy: specimen scatter
+    and reading errors. In the unit of the kind (1/m, MPa); None if it was not read.
     """
     search = judgement.search
     rows = search.base.subject.places.kind == kind
@@ -311,7 +311,7 @@ def readings_misfit(
 
 
 def not_converged(name: str, fit: Fit) -> NotConverged | None:
-    """Return that a calibration may not be judged; None if its sampler has converged."""
+    """Return the reason why a calibration cannot be judged; None if its sampler converged."""
     found = fit.diagnosis
     if found.is_converged:
         return None
@@ -321,7 +321,7 @@ def not_converged(name: str, fit: Fit) -> NotConverged | None:
 def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
     """Replace the effects of the final model's causes by those of its sampled posterior.
 
-    Where its sampler has not converged nothing is judged, and predictions are the base model's.
+    If its sampler has not converged nothing is judged, and the base model predicts.
     """
     unsettled = not_converged("model with the causes", final)
     if unsettled is not None:
@@ -349,10 +349,10 @@ def held_out_and_all(
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
 ) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut]]:
-    """Hold out what the study predicts, and that together with films and means of replicates.
+    """Hold out the study's main readings, and these together with films and means of replicates.
 
-    A model that is wrong for actuators is bent by them, and predicts them well; what bends it then
-    is that it contradicts the films or the measured volume ratio.
+    A wrong model of actuators can adapt to them and predict them well; it then contradicts the
+    films or the measured volume ratio.
 
     Returns
     -------
@@ -377,7 +377,7 @@ def _beside_it(place: int, subject: JointModel) -> JointModel:
 def levels_out(
     search: Search, names: Names, *, seed: np.random.SeedSequence, executor: Executor | None
 ) -> dict[str, HeldOut]:
-    """Predict whole levels of degradation that were left out, if there are several."""
+    """Predict whole held-out degradation levels, if there are several."""
     fold = by_level(search.base.subject)
     if not names or fold.max() < 1:
         return {}
@@ -392,27 +392,27 @@ JUDGE_EFFORTS = {
     "thorough": SearchEffort(replicates=2000, fitted=10, pairs=6, levels_out=True),
 }
 OWN_MAP = SearchEffort(replicates=500, fitted=4, pairs=3)
-"""Of a forward map of one's own, which is fast."""
+"""For a user's forward map, which is fast."""
 OWN_EFFORTS = JUDGE_EFFORTS | {"standard": OWN_MAP}
 MOST = 4_000
-"""Replicates where a p-value is near the level that decides: its Monte Carlo error is 0.003."""
-MOST_OF_FILMS = 20_000  # they cost next to nothing
-FEW_DRAWS = 100  # for what is compared beside the readings
-COUNT_DRAWS = 1000  # for counts of a study's own ruptures
+"""Replicates if a p-value is near the deciding level: its Monte Carlo error is then 0.003."""
+MOST_OF_FILMS = 20_000  # they cost almost nothing
+FEW_DRAWS = 100  # for the data compared besides the readings
+COUNT_DRAWS = 1000  # for a study's own rupture counts
 REFUTING = (
     OptionalStage.HELD_OUT,
     OptionalStage.SHARED_SCATTER,
     OptionalStage.STRUCTURE,
-)  # tests that a cause must pass to be named
+)  # tests required for naming a cause
 Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
 Favoured = tuple[list[Support], StatedSets | None]
-MOSTLY = 0.9  # of the largest share: a column that holds about as much
-IN_QUESTION = 3  # rivals between which experiments are ranked
+MOSTLY = 0.9  # fraction of the largest share that counts as similar
+IN_QUESTION = 3  # rivals for ranking experiments
 
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The causes that a model is judged with.
+    """The candidate causes of a judgement.
 
     Parameters
     ----------
@@ -448,7 +448,7 @@ def judge_model(
     progress: Progress | None = None,
     guard: Guard | None = None,
 ) -> Judgement:
-    """Fit a model without a cause and say what is wrong with it, if anything.
+    """Fit a model without a cause and judge it.
 
     Parameters
     ----------
@@ -480,7 +480,7 @@ def judge(
     executor: Executor | None = None,
     guard: Guard | None = None,
 ) -> Judgement:
-    """Judge a calibrated model, of a study or of a forward map of one's own.
+    """Judge a calibrated model of a study or of a user's forward map.
 
     Parameters
     ----------
@@ -543,10 +543,10 @@ def _favoured(
     progress: Progress,
     guard: Guard,
 ) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut], Favoured]:
-    """Return what was held out, what speaks for each favoured cause, and which sets may be right.
+    """Return held-out results, the support for each favoured cause, and the sets that may be right.
 
-    Specimens are held out a second time, with more draws, where the first ones may have decided
-    whether a cause is supported. The sets are None where that could not be computed.
+    Specimens are held out a second time, with more draws, if Monte Carlo error may have decided
+    whether a cause is supported. The sets are None if they could not be computed.
     """
     held_out, everything = _held_out(search, chosen, seed, progress, guard)
     supported = supports(search, chosen, everything)
@@ -565,7 +565,7 @@ def count_misfits(
     vectors: Floats,
     generator: np.random.Generator,
 ) -> tuple[CountMisfit | None, CountMisfit | None]:
-    """Return how probable published counts of ruptures are under a model, and the study's own."""
+    """Return the probability of published rupture counts, and of the study's own, under a model."""
     if not can_be_counted(model):
         return None, None
     own = own_counts(model)
@@ -581,7 +581,7 @@ def _begun_counts(
     seed: np.random.SeedSequence,
     executor: Executor | None,
 ) -> Callable[[], tuple[Counted | None, CountMisfit | None]]:
-    """Begin to judge counts of ruptures with the causes that the readings favour, beside others."""
+    """Start judging rupture counts in the background, with the causes that the readings favour."""
     generator = np.random.default_rng(seed.spawn(1)[0])
     if not can_be_counted(trial.subject):
         return lambda: (None, None)
@@ -595,7 +595,7 @@ def _beside_counts(
     counting: Callable[[], tuple[Counted | None, CountMisfit | None]],
     guard: Guard,
 ) -> tuple[Absorption | None, Counted | None, CountMisfit | None]:
-    """Return what parameters absorbed, found while another process judges counts, and these."""
+    """Return absorption by parameters, computed while another process judges counts, and these."""
     absorbed = guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen)
     return absorbed, *(guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None))
 
@@ -607,7 +607,7 @@ def _judged_counts(
     generator: np.random.Generator,
 ) -> tuple[Counted | None, CountMisfit | None]:
     first, second = generator.spawn(2)
-    # one thread: the same sums in the same order, hence the same bits, in whatever process
+    # one thread: the same sums in the same order, hence the same bits, in any process
     with threadpool_limits(limits=1):
         draws = trial.draws(first, COUNT_DRAWS)
         own = count_misfits(trial.subject, None, draws, first)[1]
@@ -628,7 +628,7 @@ def _tried(
 
 
 def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Candidate, ...]:
-    """Return the candidates with what counts say of those of rupture, the most probable first."""
+    """Return the candidates with the evidence of rupture counts, the most probable first."""
     found = {} if counted is None else counted.candidates
     both = [found.get(one.cause, one) for one in judged]
     known = {one.cause for one in both}
@@ -639,7 +639,7 @@ def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Can
 
 
 def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
-    """Return what `shared_scatter` does; nothing where it could not be computed."""
+    """Return the result of `shared_scatter`; empty if it could not be computed."""
     stage = OptionalStage.SHARED_SCATTER
     return guard.attempt(stage, shared_scatter, step.trial, step.simulated) or []
 
@@ -647,7 +647,7 @@ def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
 def _left(
     steps: tuple[Step, Step], catalogue: Catalogue | Assembly, guard: Guard
 ) -> tuple[list[SharedScatter], MissingTerms | None]:
-    """Return what scatter shares, and which terms what the causes leave asks for; None of none."""
+    """Return shared scatter, and terms for the remaining misfit; None without them."""
     alone, final = steps
     shared = _shared(final, guard)
     if final is alone:
@@ -669,7 +669,7 @@ def _missing(
     seed: np.random.SeedSequence,
     executor: Executor | None,
 ) -> Description | None:
-    """Return what the misfit looks like that is not accounted for; None where there is none."""
+    """Return the description of an unexplained misfit; None if there is none."""
     alone, final = steps
     named = decision.outcome in (Outcome.NAMED, Outcome.AMBIGUOUS)
     remains = named and final.misfit.p_value <= MISFIT_LEVEL
@@ -687,7 +687,7 @@ def _missing(
 def _between_terms(
     found: Description, generator: np.random.Generator, executor: Executor | None
 ) -> list[dict[str, object]]:
-    """Rank what would tell apart the terms that fit about as well."""
+    """Rank experiments that would tell apart terms that fit about equally well."""
     trial = found.step.trial
     trials = term_trials(trial, found.found, generator)
     experiments = candidate_experiments(trial.subject) if trials else ()
@@ -705,13 +705,13 @@ def _described(
 
 
 def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
-    """Return the effort with as many replicates as p-values near the level may need."""
+    """Return the effort with the number of replicates needed for p-values near the level."""
     forward = any(one.uses_forward for one in base.subject.criticised)
     return replace(effort, most=MOST if forward else MOST_OF_FILMS)
 
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
-    """Return what the data support, and what is known without a cause and with all of that."""
+    """Return the supported causes, and the tests without a cause and with all of them."""
     search.on_fit = partial(progress.advance, 1)
     progress.stage("misfit, calibrated by simulation")
     alone = search.step(BASE)
@@ -727,7 +727,7 @@ def _held_out(
     progress: Progress,
     guard: Guard,
 ) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut]]:
-    """Return what `held_out_and_all` does; nothing where it could not be computed."""
+    """Return the result of `held_out_and_all`; empty if it could not be computed."""
     progress.stage("held-out specimens")
     found = guard.attempt(
         OptionalStage.HELD_OUT,
@@ -744,7 +744,7 @@ def _held_out(
 def _levels_out(
     search: Search, names: Names, seed: np.random.SeedSequence, guard: Guard
 ) -> dict[str, HeldOut]:
-    """Return what `levels_out` does; nothing where it was not asked for or not computed."""
+    """Return the result of `levels_out`; empty if not requested or not computed."""
     if not search.effort.levels_out:
         return {}
     found = guard.attempt(
@@ -760,7 +760,7 @@ def _told(progress: Progress, names: Names) -> None:
 def _begun(
     search: Search, generator: np.random.Generator
 ) -> tuple[Callable[[], RuptureMisfit | None], Callable[[], Confusability]]:
-    """Begin what rests on the base model alone, beside the search; the calls return what it is."""
+    """Start the tests of the base model in the background; the calls return the results."""
     base = search.base
     first, second, drawing = generator.spawn(3)
     draws = base.draws(drawing, FEW_DRAWS)
@@ -776,7 +776,7 @@ def _beside(
     generator: np.random.Generator,
     guard: Guard,
 ) -> Beside:
-    """Return what the base model makes of ruptures, of measured means, and of the priors."""
+    """Return the base model's agreement with ruptures, measured means and priors."""
     model, draws = base.subject, base.draws(generator, FEW_DRAWS)
     rupture = guard.attempt(OptionalStage.RUPTURE_MISFIT, begun)
     if rupture is not None and np.isnan(rupture.p_value):
@@ -820,7 +820,7 @@ def _decided(
 
 
 def _proposed(guard: Guard, *about: Any) -> list[dict[str, object]]:
-    """Return what `_next` ranks; nothing where that failed."""
+    """Return the ranking of `_next`; empty if it failed."""
     return guard.attempt(OptionalStage.EXPERIMENTS, _next, *about) or []
 
 
@@ -831,7 +831,7 @@ def _next(
     catalogue: Catalogue | Assembly,
     generator: np.random.Generator,
 ) -> list[dict[str, object]]:
-    """Rank what to measure next, to tell apart the models that are in question."""
+    """Rank the next experiments by how well they tell apart the models in question."""
     base, (supported, stated) = search.base, favoured
     chosen = frozenset(one.cause for one in supported)
     untested: tuple[Cause, ...] = ()
@@ -844,7 +844,7 @@ def _next(
         sets = dict.fromkeys([BASE, *nearest])
         untested = _shown_by(candidate_experiments(base.subject), catalogue.unjudged)
     elif not supported and not catalogue.alike:
-        return []  # nothing of the readings is in question
+        return []  # no reading is in question
     elif not supported:
         return _beside_the_law(base, catalogue, generator)
     else:
@@ -870,11 +870,11 @@ def _next(
 
 
 def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[Cause, ...]:
-    """Return the first few of the causes not judged that a proposed test of actuators may show.
+    """Return the first few unjudged causes that a proposed actuator test may show.
 
-    Those of the material come last: while batch or warmth of a specimen is not recorded, what they
-    do is a factor on its stiffness, which the scatter of specimens or a cause that is judged takes
-    up, so that they leave no misfit.
+    Causes of the material come last: if the batch or temperature of a specimen is not recorded,
+    they act as a factor on its stiffness, which specimen scatter or a judged cause absorbs, so they
+    leave no misfit.
     """
     tests = [
         one.measurement.curves.conditions
@@ -889,7 +889,7 @@ def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[
 def _beside_the_law(
     base: Trial, catalogue: Catalogue | Assembly, generator: np.random.Generator
 ) -> list[dict[str, object]]:
-    """Rank what would show causes that read like another form of the law in the tests so far."""
+    """Rank experiments for causes that look like a different form of the law in earlier tests."""
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
     return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))

@@ -1,4 +1,4 @@
-"""The life of an actuator in the soil, from a calibrated model: its table, and what it says."""
+"""The life of an actuator in the soil from a calibrated model: table and summary."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ from bayesdeg.report.wording import SPACE, sentences
 
 Floats = NDArray[np.float64]
 
-TIMES = 25  # over which a life is followed, where none are given
-WITHOUT_FILMS = 24.0  # h, over which where no film says how long the course is known
+TIMES = 25  # number of default times
+WITHOUT_FILMS = 24.0  # h, default duration if no film limits it
 INTERVAL_OF_DRAWS = (0.05, 0.95)
 
 
@@ -51,7 +51,7 @@ def lifetime_of(
     experience: Experience | None = None,
     draws: int = DRAWS,
 ) -> Life:
-    """Return what becomes of new specimens in the soil.
+    """Return the life of new specimens in the soil.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def lifetime_of(
 def life_table(stored: Posterior, life: Life, duty: Duty) -> pd.DataFrame:
     """Return a life as a table, ``lifetime.csv``; what is not finite is empty.
 
-    No probability of rupture, nor of failing, which holds it, is below one in the specimens that
-    the model was checked on.
+    No probability of rupture or failure is below one in the number of specimens that the model was
+    checked on.
     """
     checks = stored.checks()
     burst, failed = (_with_interval(life, each, checks) for each in (life.burst, life.failed))
@@ -112,14 +112,14 @@ def life_table(stored: Posterior, life: Life, duty: Duty) -> pd.DataFrame:
 
 
 def _with_interval(life: Life, each: Floats, checks: int) -> list[Floats]:
-    """Return a probability of each specimen in the mean, and its quantiles over the posterior."""
+    """Return the mean of a specimen's probability, and its quantiles over the posterior."""
     low, high = np.quantile(life.by_draw(each), INTERVAL_OF_DRAWS, axis=0)
     return [not_below(one, checks) for one in (each.mean(axis=0), low, high)]
 
 
 @dataclass(frozen=True)
 class LifeSummary:
-    """What a life comes to.
+    """The summary of a life.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class LifeSummary:
 
     @property
     def facts(self) -> dict[str, float | None]:
-        """Numbers by name; None where nothing fails, or nothing gets out of reach, in time."""
+        """Numbers by name; None if nothing fails or goes out of reach in time."""
         named = {"time_to_failure": self.failure, "last_reachable": self.reachable}
         return {
             f"{name}_q{round(100 * q):02d}_h": None if np.isinf(value) else value
@@ -165,7 +165,7 @@ class LifeSummary:
 
 
 def life_summary(stored: Posterior, life: Life, duty: Duty) -> LifeSummary:
-    """Return what a life comes to."""
+    """Summarize a life."""
     failure, reachable = (
         (float(v[0]), float(v[1]), float(v[2])) for v in (life.time_to_failure, life.last_reachable)
     )
@@ -191,7 +191,7 @@ def said_of_life(
     *,
     beyond: bool,
 ) -> tuple[str, ...]:
-    """Say what a user of a life in the soil should know, by its first and its last time."""
+    """Return warnings for a life in the soil, from its first and last time."""
     levels, strong = soil.levels(life.hours[[0, -1]]), stored.model.has_elongation
     allowed = allowed_at_ends(life, levels)
     return (
@@ -202,6 +202,6 @@ def said_of_life(
 
 
 def allowed_at_ends(life: Life, levels: Sequence[Level]) -> dict[float, float]:
-    """Return the pressure allowed [kPa] by the degradation rates [%] at first and last time."""
+    """Return the allowed pressure [kPa] at the degradation rates of first and last time [%]."""
     ends = zip(levels, life.allowed[[0, -1]], strict=True)
     return {float(rate): float(pressure) for level, pressure in ends for rate in level.interval}

@@ -1,4 +1,4 @@
-"""What a misfit looks like that no cause accounts for, as the run folder holds it."""
+"""Description of a misfit that no cause accounts for, for the run folder."""
 
 from collections.abc import Iterator
 
@@ -21,7 +21,7 @@ TAKEN, AS_GOOD = "taken", "fits as well"
 
 
 def description_entry(judgement: Judgement) -> DescriptionEntry | None:
-    """Return ``description`` of ``verdict.json``; None where there is no misfit to describe."""
+    """Return ``description`` of ``verdict.json``; None if there is no misfit to describe."""
     found = judgement.missing
     if found is None:
         return None
@@ -116,7 +116,7 @@ def _rows_of(step: int, one: MissingTerm) -> Iterator[dict[str, object]]:
 
 
 def columns_table(found: Description) -> pd.DataFrame | None:
-    """Return what every level of every column has of the misfit; None without any."""
+    """Return the share of the misfit of every level of every column; None without any."""
     rows = [
         {
             "column": one.column,
@@ -136,10 +136,10 @@ def columns_table(found: Description) -> pd.DataFrame | None:
 
 
 def readings_table(found: Description) -> pd.DataFrame | None:
-    """Return what the terms make of each reading, and what scatters about it; None without any.
+    """Return the effect of the terms on each reading, and the residual; None without any.
 
-    As of a smooth discrepancy (`criticism.checks.residuals.misfit_frame`), the residual is that of
-    a fit which has the terms beside the parameters.
+    As for a smooth discrepancy (`criticism.checks.residuals.misfit_frame`), the residual is from a
+    joint fit of terms and parameters.
     """
     if not found.found.terms:
         return None

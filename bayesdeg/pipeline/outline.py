@@ -1,6 +1,6 @@
-"""What a study asks for: data as arrays, parameters with priors, causes that can be judged.
+"""The requirements of a study: data arrays, parameters with priors, causes that can be judged.
 
-Nothing is evaluated, so that a study can be checked without compiled code and emulator.
+Nothing is evaluated, so a study can be checked without compiled code or emulator.
 """
 
 import importlib
@@ -53,7 +53,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outline:
-    """What a study asks for.
+    """The requirements of a study.
 
     Parameters
     ----------
@@ -89,12 +89,12 @@ class Outline:
 
     @property
     def needs_forward(self) -> bool:
-        """Whether there is anything of actuators to predict."""
+        """Whether actuators are to be predicted."""
         return any(one.uses_forward for one in self.observations)
 
     @property
     def asked(self) -> tuple[Asked, ...]:
-        """What the data ask of the forward map beside the shape."""
+        """Outputs that the data need from the forward map besides the shape."""
         return tuple(dict.fromkeys(one.asks for one in self.observations if one.asks))
 
     @property
@@ -109,7 +109,7 @@ class Outline:
 
     @property
     def expected(self) -> Expected:
-        """What the priors expect of readings, with which these are compared."""
+        """Prior expectations that readings are compared with."""
         return _expected(self.base, self.nodes, self.elongation_nodes, self.statistics)
 
 
@@ -132,13 +132,13 @@ def _statistics(observations: tuple[Observations, ...]) -> tuple[Statistic, ...]
 
 
 def _at_nodes(quantity: str, nodes: Nodes, laws: dict[str, Law]) -> dict[float, Law]:
-    """Return the priors of a quantity's values; control values between the ends are none."""
+    """Return the priors of a quantity's values, without control values between the ends."""
     named = {node: node_name(quantity, node) for node in nodes}
     return {node: laws[name] for node, name in named.items() if name in laws}
 
 
 def _linear_scale(statistics: tuple[Statistic, ...], laws: dict[str, Law]) -> float:
-    """Return the length of the part over that of its mould: as measured, else by the prior."""
+    """Return the length of the part over that of its mould: measured, else from the prior."""
     measured = [s.value for s in statistics if s.quantity == "volume_ratio"]
     if measured:
         return float(linear_scale(np.median(measured)))
@@ -147,7 +147,7 @@ def _linear_scale(statistics: tuple[Statistic, ...], laws: dict[str, Law]) -> fl
 
 
 def outline(study: Study, *, emulated: bool = True) -> Outline:
-    """Return what a study asks for.
+    """Return the requirements of a study.
 
     Parameters
     ----------
@@ -210,15 +210,15 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
 
 
 def _are_predicted(study: Study, found: tuple[Observations, ...]) -> bool:
-    """Return whether actuators were read that a forward map answers for."""
+    """Return whether there are actuator readings that a forward map can predict."""
     return study.actuator is not None and any(one.uses_forward for one in found)
 
 
 def _without(study: Study) -> frozenset[str]:
-    """Return the parameters that have no meaning in a study: a prior that it states gives them one.
+    """Return the parameters without meaning in a study, unless it states a prior for them.
 
-    Where nothing degrades or shrank the part has the size of its mould; where there is neither
-    paper nor film, nothing has its stiffness.
+    If nothing degraded or shrank, the part has the size of its mould; without paper or film there
+    is no layer stiffness.
     """
     of_size = frozenset() if study.degrades else frozenset(OF_DEGRADATION)
     of_paper = frozenset() if study.settings.constraint.is_membrane else {PAPER_STIFFNESS}
@@ -226,7 +226,7 @@ def _without(study: Study) -> frozenset[str]:
 
 
 def _asked(study: Study) -> list[Cause]:
-    """Return the causes that a study wants judged: by default all that have a meaning in it.
+    """Return the candidate causes of a study: by default all with a meaning in it.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def _asked(study: Study) -> list[Cause]:
     wanted = study.settings.candidates
     if wanted is not None:
         unknown = [
-            Fault(FILE, "is no cause", use_one_of(name, CATALOGUE),
+            Fault(FILE, "is not a cause", use_one_of(name, CATALOGUE),
                   None, "causes.candidates", name)
             for name in wanted if name not in CATALOGUE
         ]  # fmt: skip
@@ -253,9 +253,9 @@ def _asked(study: Study) -> list[Cause]:
 
 
 def _of_counts(study: Study, counts: RuptureCounts | None) -> tuple[Cause, ...]:
-    """Return the causes that published counts of ruptures may show, whatever columns are there.
+    """Return the causes that published rupture counts may show, whatever the columns.
 
-    What a cause needs of a table, counts never have: it may have acted all the same.
+    Counts never have the columns that a cause needs, but it may still have acted.
     """
     if counts is None:
         return ()
@@ -274,14 +274,14 @@ def _levels(parts: Iterable[Floats]) -> list[float]:
 def _default_priors(
     base: list[Parameter], statistics: tuple[Statistic, ...]
 ) -> tuple[Parameter, ...]:
-    # the default prior of α is the published mean; where data of α are given it would count twice
+    # the default prior of α is the published mean; with data of α it would count twice
     measured = any(s.quantity == "volume_ratio" for s in statistics)
     wide: dict[str, Law] = {"volume_ratio": Uniform(0.2, 1.0)} if measured else {}
     return with_priors(base, wide)
 
 
 def _vendor_elongation(study: Study, found: tuple[Observations, ...]) -> bool:
-    """Return whether a vendor states an elongation at break, and actuators could reach it."""
+    """Return whether a vendor states an elongation at break that actuators could reach."""
     stated = study.settings.vendor.elongation_at_break is not None
     return stated and any(one.uses_forward for one in found)
 
@@ -289,10 +289,10 @@ def _vendor_elongation(study: Study, found: tuple[Observations, ...]) -> bool:
 def _of_own_material(
     usual: tuple[Parameter, ...], study: Study, gelatin: Expected
 ) -> tuple[Parameter, ...]:
-    """Return parameters with the priors of gelatin's constants brought to a study's material.
+    """Return parameters with the priors of gelatin's constants scaled to a study's material.
 
-    C1 at every rate goes as the fresh one that is stated, else as films of another material say;
-    C3 goes as C1, in whose units it is large or small. C2 has a ratio for its parameter.
+    C1 at every rate is scaled with the stated fresh value, or else with films of a different
+    material; C3 is scaled with C1. C2 is parametrized as a ratio.
     """
     stated, laws = study.settings.priors, {p.name: p.law for p in usual}
     fresh, of_c1 = node_name("c1", min(gelatin.c1)), {n for n in laws if n.startswith("c1_")}
@@ -311,7 +311,7 @@ def _of_own_material(
 def _followed(
     usual: Iterable[Parameter], study: Study, gelatin: Expected
 ) -> tuple[tuple[str, str], ...]:
-    """Say that priors follow the films, where these are of another material and none is stated."""
+    """Say that priors follow the films, if these are of a material without stated priors."""
     first = min(gelatin.c1)
     name = node_name("c1", first)
     now = {p.name: p.law for p in usual}[name]
@@ -323,7 +323,7 @@ def _followed(
 
 
 def _over(one: Law, other: Law) -> float:
-    """Return the ratio of two medians of what is positive; 1 where the first is not."""
+    """Return the ratio of two positive medians; 1 if the first is not positive."""
     ratio = _median(one) / _median(other)
     return ratio if ratio > 0.0 else 1.0
 
@@ -334,12 +334,12 @@ def _median(law: Law) -> float:
 
 
 def _times(law: Law, factor: float) -> Law:
-    """Return the law of what is so many times as large."""
+    """Return a prior law scaled by a factor."""
     return LogNormal(law.median * factor, law.sigma) if isinstance(law, LogNormal) else law
 
 
 def vendor_prior(study: Study) -> dict[str, Law]:
-    """Return the prior of the fresh elongation at break that a vendor's figure amounts to."""
+    """Return the prior of the fresh elongation at break from a vendor's figure."""
     figure = study.settings.vendor.elongation_at_break
     if figure is None:
         return {}
@@ -349,9 +349,9 @@ def vendor_prior(study: Study) -> dict[str, Law]:
 def _candidates(
     study: Study, found: tuple[Observations, ...], *, limited: bool
 ) -> tuple[tuple[Cause, ...], dict[str, str], tuple[Cause, ...]]:
-    """Return what can be judged, what cannot and why, and what films alone cannot tell apart.
+    """Return causes that can be judged, those that cannot, and those that films cannot separate.
 
-    Causes are judged on ruptures where the model has a limit of elongation, whatever that rests on.
+    Causes are judged on ruptures if the model has an elongation limit, from whatever data.
     """
     actuators, films = of_kind(found, Curvature), of_kind(found, Tensile)
     alone = () if any(one.uses_forward for one in found) else films
@@ -376,7 +376,7 @@ def _candidates(
 def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) -> str | None:
     """Say why a cause has no meaning for an actuator that is a mesh; None if it has one.
 
-    What are walls, and which faces lie open, nothing says.
+    A mesh does not mark walls or exposed faces.
     """
     if study.settings.kind != "mesh" or cause.on_inputs is None or not actuators:
         return None
@@ -385,7 +385,7 @@ def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) ->
     acting = (Acting(cause, {name: size * one for name, size in cause.typical.items()}),)
     met = applied("on_inputs", plain, conditions, acting)
     moved = [name for name in ("wall_factor", "erosion", "skin") if getattr(met, name) is not None]
-    return "a meshed part does not say which faces are walls" if moved else None
+    return "the mesh does not mark which faces are walls" if moved else None
 
 
 def _unseen(
@@ -413,14 +413,14 @@ def _unseen(
 
 
 def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
-    """Return a cause's parameters with the priors that the study states."""
+    """Return a cause's parameters with the priors of the study."""
     stated = study.settings.priors
     parameters, faults = [], []
     for parameter in cause.parameters:
         name = cause.qualified(parameter.name)
         law = stated.get(name, parameter.law)
         if isinstance(parameter.law, Choice) and name in stated:
-            problem = f"is {parameter.law}, which is no range for a prior"
+            problem = f"is {parameter.law}, which is not a valid prior range"
             remedy = "remove it; to rule the cause out, leave it out of [causes] candidates"
             faults.append(Fault("study.toml", problem, remedy, None, f"priors.{name}", str(law)))
             continue
@@ -428,7 +428,7 @@ def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
         if np.isfinite(neutral) and law.allows(parameter.neutral or 0.0):
             parameters.append(replace(parameter, law=law))
         else:
-            problem = f"leaves out {parameter.neutral:g}, the value without an effect"
+            problem = f"excludes {parameter.neutral:g}, the value without an effect"
             remedy = "use normal, student_t, or truncated_normal with a bound at that value"
             faults.append(Fault("study.toml", problem, remedy, None, f"priors.{name}", str(law)))
     if faults:
@@ -454,13 +454,13 @@ def _missing(study: Study) -> tuple[tuple[str, str], ...]:
 
 
 def _sentences(macro: str, **facts: object) -> str:
-    """Fill a template of a run; jinja comes with the first, and most studies need none."""
+    """Fill a template of a run; jinja is imported only here, since most studies do not need it."""
     wording = importlib.import_module("bayesdeg.report.wording")
     return str(wording.sentences("run", macro, **facts))
 
 
 def unused(study: Study) -> tuple[str, ...]:
-    """Say which rows of a study's files no likelihood uses, and why.
+    """Return the rows of a study's files that no likelihood uses, and why.
 
     Examples
     --------
@@ -474,7 +474,7 @@ def unused(study: Study) -> tuple[str, ...]:
 
 
 def unlinked(observations: tuple[Observations, ...]) -> tuple[tuple[str, str], ...]:
-    """Say which data a model leaves out, since what they go on was read in other tests.
+    """Return data left out because they depend on readings from different tests.
 
     Parameters
     ----------
@@ -492,7 +492,7 @@ def unlinked(observations: tuple[Observations, ...]) -> tuple[tuple[str, str], .
 
 
 def passed_over(study: Study) -> tuple[tuple[str, str], ...]:
-    """Say which lines of a study look like rows but are comments.
+    """Return commented lines of a study that look like rows.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Where a command writes: refused where it would destroy something, tried and locked beforehand."""
+"""Output folders of commands: checked, refused if something would be destroyed, and locked."""
 
 import os
 import sys
@@ -34,17 +34,17 @@ else:
 
 LOCK = ".lock"
 OWNER = ".study.json"
-"""Says in a run folder which study's it is, also of a run that has not ended."""
+"""File in a run folder that identifies its study, even for an unfinished run."""
 
 CHECKPOINTS = "checkpoints"
-OTHER = "name another folder with --out"
+OTHER = "name a different folder with --out"
 
 
 class Owner(FileRecord):
     """The content of ``.study.json``."""
 
     study: Text = Field(default="", description="name of the study")
-    folder: Text = Field(default="", description="way from the run folder to that of the study")
+    folder: Text = Field(default="", description="relative path from the run folder to the study")
     hashes: Texts = Field(default={}, description="SHA-256 of the files of the study")
 
 
@@ -75,7 +75,7 @@ def run_folder(path: Path, study: Study) -> Iterator[RunFolder]:
 
 @contextmanager
 def update_folder(path: Path, report: Path, study: Study) -> Iterator[RunFolder]:
-    """Claim a folder for a run that further readings enter, before anything is computed.
+    """Claim a folder for an updated run, before anything is computed.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def update_folder(path: Path, report: Path, study: Study) -> Iterator[RunFolder]
     """
     if path.resolve() == report.resolve():
         raise BayesdegError(
-            f"{path} is the run that is updated, which stays as it is; name another folder with "
+            f"{path} is the run being updated, which is not changed; name a different folder with "
             "--out"
         )
     if _is_there(path / f"{RUN}.json") and not _is_there(path / ADDED):
@@ -125,14 +125,14 @@ def virtual_study(path: Path, files: Iterable[str]) -> Iterator[Path]:
         for name in files:
             if (path / name).exists() and not is_virtual(path / name):
                 raise BayesdegError(
-                    f"{path / name} is not of a virtual experiment and would be overwritten or "
+                    f"{path / name} is not from a virtual experiment and would be overwritten or "
                     f"removed; {OTHER}, such as {path.name}_virtual"
                 )
         yield path
 
 
 def is_virtual(path: Path) -> bool:
-    """Return whether a file that is there says that a virtual experiment made it."""
+    """Return whether an existing file says that it is from a virtual experiment."""
     try:
         content = read_bytes(path, most_mb=STUDY_MB)
         if path.name == TRUTH_FILE:
@@ -146,7 +146,7 @@ def is_virtual(path: Path) -> bool:
 
 
 def output_file(path: Path) -> Path:
-    """Return where one file goes, after it was refused or found to be possible.
+    """Return the path of an output file after checking it.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def output_file(path: Path) -> Path:
     of_run = path.name in RUN_FILES and _is_there(folder / f"{RUN}.json")
     if of_study or of_run:
         whose = "the data of a study" if of_study else "the results of a run"
-        raise BayesdegError(f"{path} belongs to {whose}; name another file with --out")
+        raise BayesdegError(f"{path} belongs to {whose}; name a different file with --out")
     try:
         was_there = path.exists()
         if was_there:
@@ -174,14 +174,14 @@ def output_file(path: Path) -> Path:
             path.unlink()
     except OSError as fault:
         raise BayesdegError(
-            f"{path} cannot be written ({reason(fault)}); name a file in a folder that exists and "
-            "can be written to"
+            f"{path} cannot be written ({reason(fault)}); name a file in an existing, writable "
+            "folder"
         ) from fault
     return path
 
 
 def refuse_study(path: Path, *, itself: bool = True) -> None:
-    """Refuse a folder that is a study's, or lies in one: names of results are names of data too.
+    """Refuse a folder that is a study or lies in one: results and data share file names.
 
     Parameters
     ----------
@@ -200,17 +200,17 @@ def refuse_study(path: Path, *, itself: bool = True) -> None:
         if _is_there(folder / SETTINGS_FILE):
             place = "is" if folder == whole else "lies in"
             raise BayesdegError(
-                f"{path} {place} the study {folder}, whose data a result must not be mixed with; "
+                f"{path} {place} the study {folder}; results must not be mixed with its data; "
                 f"{OTHER}"
             )
 
 
 @contextmanager
 def claimed(path: Path) -> Iterator[None]:
-    """Make a folder, see that it can be written to, and lock it until the command ends.
+    """Create a folder, check that it is writable, and lock it until the command ends.
 
-    The lock is the operating system's: it ends with the process, however that ends. A folder that
-    stays empty is removed again.
+    The lock belongs to the operating system and ends with the process. A folder that stays empty is
+    removed again.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def claimed(path: Path) -> Iterator[None]:
     except OSError as fault:
         _remove_empty(new)
         raise BayesdegError(
-            f"{path} cannot be made and written to ({_why(fault)}); {OTHER}"
+            f"{path} cannot be created or written to ({_why(fault)}); {OTHER}"
         ) from fault
     try:
         yield
@@ -254,13 +254,13 @@ def _locked(path: Path) -> IO[bytes]:
         except BlockingIOError as fault:
             file.close()
             raise BayesdegError(
-                f"another command is writing to {path.parent}; wait for its end, or {OTHER}"
+                f"another command is writing to {path.parent}; wait until it ends, or {OTHER}"
             ) from fault
         file.close()
 
 
 def _lock(file: IO[bytes]) -> None:
-    """Lock a file for this process; where the file system has no locks, go without.
+    """Lock a file for this process, if the file system supports locks.
 
     Record locks are not inherited by worker processes, which may outlive a killed command.
     """
@@ -276,26 +276,26 @@ def _lock(file: IO[bytes]) -> None:
 
 
 def _refuse_other_run(path: Path, study: Study) -> None:
-    """Refuse a folder that is in use for anything but earlier runs of the same study."""
+    """Refuse a folder that holds anything but earlier runs of the same study."""
     owner = owner_of(path)
     if owner is None:
         taken = sorted(name for name in RUN_FILES if _is_there(path / name))
         if taken and not _is_there(path / CHECKPOINTS):
             raise BayesdegError(
-                f"{path} holds {taken[0]}, which no run has written, and which would be "
+                f"{path} holds {taken[0]}, which was not written by a run and would be "
                 f"overwritten; {OTHER}"
             )
         return
     if not _is_same(path, owner, study):
         whose = owner.folder or owner.study
         raise BayesdegError(
-            f"{path} holds the run of another study, {whose}, and not of {study.folder}; {OTHER}, "
+            f"{path} holds the run of a different study, {whose}, not of {study.folder}; {OTHER}, "
             "or remove that run"
         )
 
 
 def owner_of(path: Path) -> Owner | None:
-    """Return what a run folder says of its study; None if it holds no run."""
+    """Return the owner recorded in a run folder; None if it holds no run."""
     for name in (OWNER, f"{RUN}.json"):
         with suppress(OSError, ValueError):
             return Owner.read(parse_json(read_bytes(path / name, most_mb=RUN_MB)))
@@ -303,15 +303,15 @@ def owner_of(path: Path) -> Owner | None:
 
 
 def _is_same(path: Path, owner: Owner, study: Study) -> bool:
-    """Return whether a run is of a study: from the same place, or of the same files."""
-    if not owner.folder:  # of a version that did not record it
+    """Return whether a run is of a study: same place or same files."""
+    if not owner.folder:  # from a version that did not record it
         return owner.study in ("", study.name)
     folder = (path / owner.folder).resolve()
     return folder == study.folder.resolve() or dict(owner.hashes) == dict(study.hashes)
 
 
 def _from(path: Path, folder: Path) -> str:
-    """Return the way from a run folder to its study, which stays right if both are moved."""
+    """Return the relative path from a run folder to its study, valid if both are moved."""
     try:
         return os.path.relpath(folder.resolve(), path.resolve())
     except ValueError:  # on another drive

@@ -1,4 +1,4 @@
-"""What a forward map of one's own predicts, and a finished run of it, from folder and study."""
+"""Predictions with a user's forward map, and a finished run of it, from its folder and study."""
 
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ def own_map(posterior: Posterior) -> OwnMap:
     """
     if posterior.own is None:
         raise BayesdegError(
-            "a model of a study is asked at pressure=... or curvature=..., and degradation=..."
+            "a model of a study requires pressure=... or curvature=..., and degradation=..."
         )
     return posterior.own
 
@@ -57,7 +57,7 @@ def predict(posterior: Posterior, x: Any, seed: np.random.SeedSequence) -> pd.Da
     Parameters
     ----------
     posterior : Posterior
-        Of a forward map of one's own.
+        Of the user's forward map.
     x : array, DataFrame or mapping of names to arrays
         What the forward map is asked.
     seed : SeedSequence
@@ -82,7 +82,7 @@ def control(
     Parameters
     ----------
     posterior : Posterior
-        Of a forward map of one's own, with one kind of readings.
+        Of the user's forward map, with one kind of readings.
     wanted : array
         Readings, in their unit.
     x : array, DataFrame or mapping of names to arrays
@@ -149,12 +149,12 @@ def _bands(block: Readings, x: Any, draws: Floats) -> pd.DataFrame:
 
 
 def is_own(path: Path) -> bool:
-    """Return whether a folder is of a run with a forward map of one's own."""
+    """Return whether a folder is of a run with a user's forward map."""
     return bool(RunFolder(path).read_run().forward) if path.is_dir() else False
 
 
 def read_own(path: Path, *, base: bool = False) -> Posterior:
-    """Read a finished run's posterior, and the function that it is of.
+    """Read a finished run's posterior and its function.
 
     Parameters
     ----------
@@ -172,8 +172,8 @@ def read_own(path: Path, *, base: bool = False) -> Posterior:
     run, verdict = folder.read_run(), folder.read_verdict()
     if ":" not in run.forward:
         raise BayesdegError(
-            f"{path} was written from Python, and its function is in no study folder: ask "
-            "bayesdeg.predict or bayesdeg.control there"
+            f"{path} was written from Python and its forward map is not stored: predict from "
+            "Python with bayesdeg.predict or bayesdeg.control"
         )
     owner = owner_of(path)
     study = read_study(path / ("" if owner is None else owner.folder))
@@ -181,7 +181,7 @@ def read_own(path: Path, *, base: bool = False) -> Posterior:
     if changed:
         raise BayesdegError(
             f"{', '.join(changed)} of {study.name} changed since the run; run it again, so that "
-            "the posterior is of the function as it is"
+            "the posterior belongs to the current function"
         )
     found = assemble(study)
     assert found.own is not None
@@ -190,7 +190,7 @@ def read_own(path: Path, *, base: bool = False) -> Posterior:
     names = dict.fromkeys(name.split(".")[0] for name in draws if "." in name)
     model = found.model.extended(*(cause_of(name, found.candidates) for name in names))
     if set(model.table.names) != set(draws):
-        raise BayesdegError(f"{path}: the posterior is of another model; run the study again")
+        raise BayesdegError(f"{path}: the posterior is of a different model; run the study again")
     vectors = model.table.vectors(draws)[:, :, None, :]
     chain = Chain(vectors, np.zeros(vectors.shape[:3]), np.ones(len(vectors)))
     return Posterior(model, chain, own=found.own, run=run, verdict=verdict)

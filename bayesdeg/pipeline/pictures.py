@@ -1,8 +1,8 @@
-"""Photographs of a study for its report: a handful, cut to the actuator, with lines to be drawn.
+"""A few photographs of a study for its report, cropped to the actuator, with lines.
 
-The measured line is that which was traced. A predicted line begins at the clamp, is as long as the
-measured one, and bends by what the model predicts of that reading; between its ends it has the
-shape of the finite element model.
+The measured line is the traced one. A predicted line begins at the clamp, is as long as the
+measured one, and bends by the predicted reading; between its ends it has the shape of the finite
+element model.
 """
 
 import io
@@ -34,19 +34,19 @@ from bayesdeg.report.tables import PHOTO_LINES, TABLES
 
 Floats = NDArray[np.float64]
 
-#: Photographs of a degradation rate at most, where there are few rates.
+#: Most photographs per degradation rate, if there are few rates.
 OF_A_RATE = 3
-#: Room about the line, as a share of its extent.
+#: Margin around the line, as a share of its extent.
 ROOM = 0.4
-#: Longer side of a picture, of which six keep a page small [px], and its quality as JPEG.
+#: Longer side of a picture [px] and its JPEG quality: six such pictures keep a page small.
 SIDE, QUALITY = 520, 78
-#: Every so many points of a traced line are drawn.
+#: Every n-th point of a traced line is drawn.
 EVERY = 3
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A cut of a photograph.
+    """A crop of a photograph.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Picture:
 
 
 def pictures_of(study: Study) -> tuple[Picture, ...]:
-    """Return cuts of a handful of photographs: of every degradation rate, at high pressures."""
+    """Return crops of a few photographs: of every degradation rate, at high pressures."""
     known = [(i, one) for i, one in enumerate(study.photographs) if not one.refused]
     if not known:
         return ()
@@ -101,7 +101,7 @@ def pictures_of(study: Study) -> tuple[Picture, ...]:
 
 
 def _box(photograph: TracedPhotograph) -> tuple[int, int, int, int]:
-    """Return a cut about a line, wider than high, within the photograph."""
+    """Return a crop around a line, wider than high, within the photograph."""
     pixels = np.array(photograph.pixels)
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     half = np.full(2, (0.5 + ROOM) * float(np.max(high - low)))
@@ -120,7 +120,7 @@ def lines_on(
     readings: pd.DataFrame | None,
     groups: Mapping[str, Floats],
 ) -> pd.DataFrame:
-    """Return the lines on pictures, a row a point: the table ``photo_lines``.
+    """Return the lines on pictures, one row per point: the table ``photo_lines``.
 
     Parameters
     ----------
@@ -149,7 +149,8 @@ def lines_on(
             angle, group = curvature * one.length_mm / MILLIMETRES_PER_METRE, groups[model][number]
             points = study.line_points or len(pixels)
             line = line_of_reading(angle, one.length_mm, float(group), operator, points)
-            # a traced line lies along the clamped end; the model's leaves it at a small angle
+            # a traced line starts along the clamped end; the model's line leaves it at a small
+            # angle
             line = mapped(into_frame(line), line)
             to_pixels = np.linalg.inv(np.array(one.to_mm))
             frames.append(_rows(picture, model, curvature, mapped(to_pixels, line)))
@@ -161,7 +162,7 @@ def lines_on(
 def paper_groups(fit: Fit, pictures: tuple[Picture, ...]) -> Floats:
     """Return the paper's group of a fitted actuator at the rates of pictures, (n_pictures,) [mm].
 
-    It is that at posterior medians, with causes that change it.
+    At posterior medians, including causes that change it.
     """
     rates = np.array([one.photograph.degradation or 0.0 for one in pictures])
     pressures = np.array([one.photograph.pressure or 0.0 for one in pictures])
@@ -171,7 +172,7 @@ def paper_groups(fit: Fit, pictures: tuple[Picture, ...]) -> Floats:
 
 
 def _curvatures(readings: pd.DataFrame | None, row: pd.Series) -> tuple[float, dict[str, float]]:
-    """Return the curvature that was read of a photograph, and what each model predicts."""
+    """Return the curvature from a photograph, and the prediction of each model."""
     if readings is None:
         return np.nan, {}
     keys = ("specimen_id", "pressure_kPa", "branch", "cycle")
@@ -190,7 +191,7 @@ def _rows(picture: Picture, line: str, curvature: float, pixels: Floats) -> pd.D
 
 
 def write_pictures(folder: RunFolder, study: Study, pictures: tuple[Picture, ...]) -> None:
-    """Write cuts of photographs into a run folder, and remove those of an earlier run.
+    """Write crops of photographs into a run folder, and remove those of an earlier run.
 
     Raises
     ------

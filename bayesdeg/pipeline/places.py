@@ -1,4 +1,4 @@
-"""Files that a table of a study names: where they are, links followed, and that they are in it."""
+"""Files named by a table of a study: their paths, with links resolved, inside the study."""
 
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
@@ -9,7 +9,7 @@ from bayesdeg.errors import Fault
 def named_files(
     folder: Path, table: str, inner: str, names: Iterable[str], kind: str
 ) -> tuple[dict[str, Path], list[Fault]]:
-    """Return where each file is, and what is wrong with the names of others.
+    """Return the path of each file, and the faults of the other names.
 
     Parameters
     ----------
@@ -27,10 +27,10 @@ def named_files(
     places, faults = {}, []
     root = folder / inner
     if not root.is_dir():
-        return {}, [Fault(table, f"names {kind}, and there is no folder {inner}", "add it")]
+        return {}, [Fault(table, f"names {kind}, but there is no folder {inner}", "add it")]
     for name in names:
         if problem := wrong_place(folder, root, name):
-            remedy = f"put it into {inner} of the study and write its name there"
+            remedy = f"put it into the folder {inner} of the study and give its name there"
             faults.append(Fault(table, problem, remedy, None, "file", name))
         else:
             places[name] = root / name
@@ -38,7 +38,7 @@ def named_files(
 
 
 def wrong_place(study: Path, folder: Path, name: str) -> str:
-    """Say why a name is none of a file that is in a folder of the study, links followed."""
+    """Say why a name is not a file in a folder of the study, with links resolved."""
     way = PurePosixPath(name)
     outside = "is not in the study"
     if way.is_absolute() or ".." in way.parts or "\\" in name or ":" in name or "\0" in name:
@@ -47,6 +47,6 @@ def wrong_place(study: Path, folder: Path, name: str) -> str:
         whole = (folder / name).resolve()
         if not whole.is_relative_to(study.resolve()):
             return outside
-        return "" if whole.exists() else "is not there"
-    except (OSError, RuntimeError):  # too long a name, a loop of links
-        return "is not there"
+        return "" if whole.exists() else "does not exist"
+    except (OSError, RuntimeError):  # a name that is too long, or a loop of links
+        return "does not exist"

@@ -1,16 +1,16 @@
-"""What the pipeline tells whoever waits for it."""
+"""Progress reports of the pipeline."""
 
 from typing import Protocol
 
 
 class Progress(Protocol):
-    """Receives the state of the work, to show it."""
+    """Receives the state of the work for display."""
 
     def stage(self, name: str, total: float | None = None) -> None:
-        """Begin a stage of so many steps; None if their number is not known."""
+        """Begin a stage with this number of steps; None if unknown."""
 
     def advance(self, steps: float = 1.0, note: str = "") -> None:
-        """Report steps done, with a note on the state of the stage."""
+        """Report completed steps, with a note on the stage."""
 
 
 class Silent:

@@ -1,10 +1,10 @@
-"""Which readings of actuators no curve of their material reaches, since it balloons before.
+"""Actuator readings beyond ballooning, which no curve of the material reaches.
 
-A forward map answers up to where a curve grows too steeply to be emulated. A reading beyond is met
-by no model: each would be judged by how far its curves go, and a cause of which they go further
-would be named for that. Such readings are known from films and priors, before any model is fitted
-to the others, so that all models have the same ones. Their rows go as a whole: beyond the end of a
-curve a wall is taken for burst, and that one held would speak against any model too.
+A forward map is defined up to where a curve becomes too steep to be emulated. No model can match a
+reading beyond that: models would be compared by how far their curves reach, and a cause would be
+named for extending them. Such readings are identified from films and priors before any model is
+fitted, so that all models have the same data. Whole rows are excluded: beyond the end of a curve a
+wall counts as burst, so one that survived would contradict any model too.
 """
 
 from dataclasses import replace
@@ -25,14 +25,14 @@ from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
 
 MARGIN = 0.03
-"""By which readings stay below the end of a curve, of its pressure: films tell the stiffness, to
-which that is in proportion, to 2 or 3 %."""
+"""Margin of readings below the end of a curve, relative to its pressure, which is proportional to
+the stiffness that films determine to 2 or 3 %."""
 MOST = 0.5
-"""Of the readings of a specimen: where more lie beyond, a unit or a constant is wrong."""
+"""Share of a specimen's readings: if more lie beyond, a unit or a constant is wrong."""
 
 
 def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> Assembly:
-    """Build the base model of a study, without readings that no curve of their material reaches.
+    """Build the base model of a study without readings that no curve of the material reaches.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> As
 
 
 def beyond_reach(study: Study, model: JointModel) -> Aside | None:
-    """Return the readings that no curve reaches; None if there are none, or too many of a specimen.
+    """Return the readings that no curve reaches; None if there are none or too many.
 
-    Those of a specimen whose pressures are in another unit, by its columns, are not among them.
+    Specimens whose pressures seem to be in a different unit are not included.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def beyond_reach(study: Study, model: JointModel) -> Aside | None:
 
 
 def readings_beyond(study: Study, model: JointModel) -> NDArray[np.bool_]:
-    """Return which observations of a model lie beyond the end of their curve, by films and priors.
+    """Return a mask of observations beyond the end of their curve, from films and priors.
 
     Parameters
     ----------
@@ -104,13 +104,13 @@ def readings_beyond(study: Study, model: JointModel) -> NDArray[np.bool_]:
 
 
 def in_another_unit(study: Study) -> list[Fault]:
-    """Return single specimens whose columns are many times those of the others."""
+    """Return single specimens whose values are many times those of the others."""
     odd = (one.fault for one in doubts(study, outline(study).expected) if one.is_alone)
     return [fault for fault in odd if fault.specimen is not None]
 
 
 def _ends(model: JointModel, specimens: NDArray[np.str_]) -> NDArray[np.float64]:
-    """Return the largest pressure that is kept of each specimen [kPa]; inf if none is known."""
+    """Return the largest pressure kept for each specimen [kPa]; inf if unknown."""
     world = model.world
     known: dict[str, float] = {}
     if isinstance(world, FilmsAndActuators) and isinstance(world.forward, Surrogate):

@@ -1,4 +1,4 @@
-"""A study folder with every kind of data that there is a file for."""
+"""Reading a study folder with every kind of data."""
 
 import importlib
 from pathlib import Path
@@ -14,10 +14,10 @@ from bayesdeg.pipeline.progress import Progress, Silent
 
 
 def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
-    """Read a study folder and check everything in it; lines of points become curvatures.
+    """Read and check a study folder; lines of points become curvatures.
 
-    Recordings of motion are averaged over the frames of each hold, a second for a few of them.
-    Photographs are traced, which takes about a second each; what was traced is kept in
+    Motion recordings are averaged over the frames of each hold, which takes about a second for a
+    few of them. Photographs are traced, which takes about a second each; traces are kept in
     ``.cache/traces``.
 
     Parameters
@@ -45,7 +45,7 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     _refuse_options_of_nothing(study)
     if study.table("captures") is None and study.table("photos") is None:
         return with_lines(study)
-    # bring scipy's splines and OpenCV along, which no other study needs
+    # these import scipy's splines and OpenCV, which no other study needs
     if study.table("captures") is not None:
         reader = importlib.import_module("bayesdeg.pipeline.captured").with_captures
     else:
@@ -55,7 +55,7 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
 
 
 def _refuse_options_of_nothing(study: Study) -> None:
-    """Refuse what is said of photographs or points where there are none: a file is misnamed."""
+    """Refuse settings for photographs or points without such files: a file may be misnamed."""
     settings = study.settings
     of_files = (
         ("photographs", settings.photographs, PhotographOptions(), "photos", "photos.csv"),
@@ -63,7 +63,7 @@ def _refuse_options_of_nothing(study: Study) -> None:
         ("captures", settings.captures, CaptureOptions(), "captures", "captures.csv"),
     )
     faults = [
-        Fault(FILE, f"is there without {file}", f"add {file}, or leave [{key}] out", None, key)
+        Fault(FILE, f"is given without {file}", f"add {file}, or leave [{key}] out", None, key)
         for key, stated, nothing, table, file in of_files
         if stated != nothing and study.table(table) is None
     ]

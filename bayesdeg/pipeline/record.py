@@ -1,4 +1,4 @@
-"""What a run found, and what ``verdict.json`` says of it, in numbers and in words."""
+"""Findings of a run, and the content of ``verdict.json`` in numbers and words."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ from bayesdeg.report.wording import SPACE, sentences, worded
 
 @dataclass(frozen=True)
 class Results:
-    """Everything that a run has found.
+    """All findings of a run.
 
     Parameters
     ----------
@@ -108,22 +108,22 @@ class Results:
 
     @property
     def fits(self) -> dict[str, Fit]:
-        """Both calibrations by their labels in the tables."""
+        """Both calibrations by their labels in tables."""
         return {"base": self.base, "final": self.final}
 
     @property
     def course(self) -> CourseFit | None:
-        """The course of degradation, as the films' moisture tells it."""
+        """The course of degradation from the films' moisture."""
         return None if self.films is None else self.films.course
 
     @property
     def sampled(self) -> dict[str, Fit | CourseFit]:
-        """Everything that was sampled: both calibrations, and the course of degradation."""
+        """All sampled models: both calibrations, and the course of degradation."""
         return {**self.fits} if self.course is None else {**self.fits, "course": self.course}
 
     @property
     def counts_expected(self) -> CountMisfit | None:
-        """Published counts of ruptures beside those that the model without such a cause expects."""
+        """Published rupture counts and those that the model without a cause of rupture expects."""
         counted = None if self.judgement is None else self.judgement.counted
         return self.counts if counted is None else counted.misfit
 
@@ -137,7 +137,7 @@ def verdict_document(
     concentrated: Concentration | None = None,
     explanation: str | None = None,
 ) -> VerdictRecord:
-    """Return the content of ``verdict.json`` for a study whose readings could be judged.
+    """Return the content of ``verdict.json`` for a judged study.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def verdict_document(
 
 
 def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> MisfitEntry:
-    """Return the misfit of the curvatures; of stresses or other readings where there are none."""
+    """Return the misfit of the curvatures, or else of stresses or other readings."""
     rms, noise = readings_misfit(judgement)
     stress = readings_misfit(judgement, STRESS) if rms is None else (None, None)
     kind, unit = _other_kind(judgement) if rms is None else ("", "")
@@ -201,7 +201,7 @@ def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> Mi
 
 
 def _other_kind(judgement: Judgement) -> tuple[str, str]:
-    """Return what was read first of what has no tables of its own, and its unit."""
+    """Return the first kind of reading without its own tables, and its unit."""
     scales = judgement.search.base.subject.scales
     return next(((kind, scale.unit) for kind, scale in scales.items()), ("", ""))
 
@@ -222,7 +222,7 @@ def _ruptures(found: RuptureMisfit | None) -> RuptureEntry | None:
 
 
 def _rupture_counts(judgement: Judgement) -> tuple[RuptureCountsEntry, ...]:
-    """Return what was made of counts of ruptures, published ones first."""
+    """Return the findings on rupture counts, published ones first."""
     counted, own = judgement.counted, judgement.own_counts
     degrades = judgement.search.base.subject.degrades
     found = () if counted is None else (_with_causes(counted, degrades=degrades),)
@@ -249,7 +249,7 @@ def _with_causes(counted: Counted, *, degrades: bool) -> RuptureCountsEntry:
 
 
 def counts_entry(found: CountMisfit, *, degrades: bool = True) -> RuptureCountsEntry:
-    """Return what ``verdict.json`` says of counts: no probability below one in all draws.
+    """Return the entry of counts in ``verdict.json``, with no probability below 1/draws.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def _counted_level(one: CountedLevel, least: float) -> CountedLevelEntry:
 
 
 def _absorbed(found: Absorption | None) -> tuple[AbsorbedEntry, ...]:
-    """Return the parameters that took up what the model lacks, the farthest off first."""
+    """Return the parameters that absorb a model error, the most displaced first."""
     return () if found is None else tuple(_taken_up(found, one) for one in found.in_question)
 
 
@@ -334,9 +334,9 @@ def unjudged_document(
     unsettled: str = "",
     published: bool = False,
 ) -> VerdictRecord:
-    """Return the content of ``verdict.json`` where nothing was judged.
+    """Return the content of ``verdict.json`` if nothing was judged.
 
-    Either the study has no readings to judge, or judging them failed, or the sampler did.
+    The study has no readings to judge, or judging or sampling failed.
 
     Parameters
     ----------
@@ -399,13 +399,13 @@ OF_VERDICT = (
     OptionalStage.EXTENDED,
     OptionalStage.WHERE,
 )
-"""What a reader of the verdict misses, where no reason of the decision says it already."""
+"""Notes about missing tests, if no reason of the decision already says so."""
 
 
 def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guard) -> VerdictRecord:
     """Return the content of ``verdict.json``.
 
-    Where judging failed, or its outcome cannot be put into words and numbers, it says so.
+    If judging failed, or its outcome cannot be written, it says so.
 
     Parameters
     ----------
@@ -468,7 +468,7 @@ def _verdict(
 def _departure(
     results: Results, judgement: Judgement, residual: Floats | None
 ) -> CurvatureDeparture | StressDeparture | ReadingsDeparture | None:
-    """Return where the misfit sits; None where the readings could not be predicted."""
+    """Return where the misfit lies; None if the readings could not be predicted."""
     linear = judgement.search.base.linear
     if results.base.model.actuator is None:
         kind, unit = _other_kind(judgement)
@@ -477,11 +477,11 @@ def _departure(
     return None if residual is None else where(results.base.model, residual, noise or 0.0)
 
 
-DRAWS = 4000  # of a posterior, for its medians
+DRAWS = 4000  # draws of a posterior for medians
 
 
 def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = None) -> InDoubt:
-    """Return what a reader of the verdict should know before it is used.
+    """Return warnings to read before the verdict is used.
 
     Parameters
     ----------
@@ -510,7 +510,7 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
                 for name, fit in results.fits.items()
                 if not fit.diagnosis.usable and (name == "base" or fit is not results.base)
             ),
-            # a final model whose sampler failed is not among them: the base model predicts
+            # a final model that did not converge is excluded: the base model predicts
             *(worded(one) for one in decided if isinstance(one, NotConverged)),
         ),
         suspects=suspects_of(study, results, found),
@@ -531,7 +531,7 @@ def _unused(one: Unused) -> UnusedEntry:
 
 
 def forward_map_of(results: Results) -> ForwardMapEntry | None:
-    """Return where the user's own forward map has no answer, of the prior and of all proposals."""
+    """Return where the user's forward map fails, for prior draws and all proposals."""
     known = results.assembly.answers
     if known is None:
         return None
@@ -551,7 +551,7 @@ def _outcome(decision: Decision | None) -> OutcomeEntry | None:
 def suspects_of(
     study: Study, results: Results, found: Sequence[Doubt] | None = None
 ) -> tuple[SuspectEntry, ...]:
-    """Return what is unlikely of a study: what the others contradict, then what its columns say."""
+    """Return the doubtful data of a study: contradicted by the others, then by their columns."""
     assembly = results.assembly
     whole = assembly.whole or study
     if found is None:
@@ -564,7 +564,7 @@ def suspects_of(
 
 
 def _beyond(one: Aside) -> SuspectEntry:
-    """Return what is said of readings that no curve reaches."""
+    """Return the entries of readings that no curve reaches."""
     several = len(one.specimens) > 1
     lowest = min(pressure for _, pressure, *_ in one.readings)
     return SuspectEntry(
@@ -592,7 +592,7 @@ def _suspect(doubt: Doubt, out: Collection[tuple[str | None, str]]) -> SuspectEn
 
 
 def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
-    """Return a suspect that the other specimens contradict, in words and numbers."""
+    """Return the entry of a suspect that the other specimens contradict."""
     assert one.suspect is not None
     suspect, hypothesis = one.suspect, one.suspect.hypothesis
     partner = _exchanged_with(one, results, whole)
@@ -613,14 +613,14 @@ def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
     )
 
 
-MOST_LOGS = 20.0  # of a size that is a logarithm, for one that is none
+MOST_LOGS = 20.0  # relative change from a logarithmic size
 ALIKE = 0.35
-"""How far the stiffness of two specimens may be off that of each other's degradation rate, over
-the difference of both: the scatter of specimens is some tenth of such a difference."""
+"""Allowed deviation of the stiffness of two specimens from that of each other's degradation rate,
+over the difference of both: specimen scatter is about a tenth of such a difference."""
 
 
 def _exchanged_with(one: Aside, results: Results, whole: Study) -> str:
-    """Return the suspect for which another could have been taken; empty if there is none."""
+    """Return the suspect with which another could have been swapped; empty if there is none."""
     table = whole.table(one.table) if one.table else None
     same = (other for other in results.assembly.aside if other.table == one.table)
     others = [other for other in same if other is not one and _is_stiffness(other)]
@@ -673,10 +673,10 @@ def _question(one: Questioned, absorbed: Absorption | None) -> QuestionedEntry:
     )
 
 
-LARGEST_LOSS = 0.05  # of simulated data sets, before the reader is warned
-SMALL_CHANCE = 0.05  # p-value of ruptures that deserves a sentence
-FEW_ERRORS = 2.0  # standard errors within which a gain may as well be nothing
-LIKELY = 0.5  # of a cause: a reader of the table asks why it is not named
+LARGEST_LOSS = 0.05  # share of simulated data sets lost before the reader is warned
+SMALL_CHANCE = 0.05  # p-value of ruptures below which a sentence is written
+FEW_ERRORS = 2.0  # standard errors within which a gain may be zero
+LIKELY = 0.5  # probability of a cause above which the text says why it is not named
 
 
 @dataclass(frozen=True)
@@ -701,7 +701,7 @@ class _ModeError:
 
 
 def explain(judgement: Judgement, where: str) -> str:
-    """Return one paragraph: what is wrong, why, how sure, what else it could be.
+    """Return the explanation: what is wrong, why, how sure, what else it could be.
 
     Parameters
     ----------
@@ -746,7 +746,7 @@ def explain(judgement: Judgement, where: str) -> str:
 
 
 def _agrees_otherwise(judgement: Judgement) -> bool:
-    """Return whether nothing but counts of ruptures speaks against the base model."""
+    """Return whether only rupture counts contradict the base model."""
     rupture, mean = judgement.rupture, judgement.contradicted
     beside = [one.p_value for one in (rupture, mean) if one is not None]
     shared = any(one.is_more_than_chance for one in judgement.shared)
@@ -766,7 +766,7 @@ def _nearest(judgement: Judgement) -> Candidate | None:
 
 
 def _shares(judgement: Judgement) -> tuple[float, float] | None:
-    """Return what share of the misfit is explained on either scale; None where not known."""
+    """Return the explained share of the misfit on either scale; None if unknown."""
     calibrated = judgement.misfit.is_calibrated and judgement.left.is_calibrated
     if not calibrated or judgement.misfit.statistic <= judgement.misfit.by_chance:
         return None
@@ -775,7 +775,7 @@ def _shares(judgement: Judgement) -> tuple[float, float] | None:
 
 
 def _modes(judgement: Judgement) -> list[_ModeError]:
-    """Return by how much modes that were left out are off, before and after [MPa]."""
+    """Return the errors of held-out modes before and after [MPa]."""
     subject, held_out = judgement.search.base.subject, judgement.held_out
     whole = subject.holds_out_modes
     if not whole or len(held_out) < 2:
@@ -804,7 +804,7 @@ def _size(parameter: Parameter, effect: EffectSize) -> str:
 
 
 def _rival(judgement: Judgement) -> _Rival | None:
-    """Return the best of what could stand in a named cause's place, and how far it is behind."""
+    """Return the best replacement for a named cause, and its deficit in evidence."""
     rivals = [
         _Rival(name, one.cause, gap)
         for one in judgement.supported
@@ -815,6 +815,6 @@ def _rival(judgement: Judgement) -> _Rival | None:
 
 
 def _known(judgement: Judgement, name: str) -> Cause:
-    """Return a cause by its name: one that was tried, as the user's own, or of the catalogue."""
+    """Return a cause by name: one that was tried, or one of the catalogue."""
     tried = (cause for cause in judgement.search.causes if cause.name == name)
     return next(tried, None) or CATALOGUE[name]

@@ -1,9 +1,9 @@
-"""How far an emulator's own error can move a posterior, and curves that make that small.
+"""Effect of an emulator's error on a posterior, and curves that reduce it.
 
-The posterior is that of the base model and of those of its causes that readings speak for. There
-curves of the emulator's own mesh are solved and correct it (`bayesdeg.emulator.refinement`). What
-the correction would be without one of its curves says how far it is still off, and what that does
-to means of the posterior follows from the change of its log density.
+The posterior is that of the base model, and with each cause that the readings support. Fine curves
+are solved in its region and correct the emulator (`bayesdeg.emulator.refinement`). The change of
+the correction when one curve is left out estimates the remaining error; the resulting shift of
+posterior means follows from the change of the log density.
 """
 
 import json
@@ -41,22 +41,22 @@ from bayesdeg.pipeline.reach import assemble_within_reach
 
 Floats = NDArray[np.float64]
 
-DRAWS = 60  # of each posterior
-WEIGHED = 1000  # draws by which shifts are known to 3 % of the spread of the change
+DRAWS = 60  # draws of each posterior
+WEIGHED = 1000  # draws: shifts are then known to 3 % of the spread of the change
 FIRST, MORE, REFINING_ROUNDS = AT_THE_POSTERIOR, 8, 3
-"""Fine curves where the posterior lies, those that are added while they are too few, how often."""
+"""Fine curves in the posterior region, further ones per round while too few, and rounds."""
 LAST_ROUNDS = REFINING_ROUNDS
-"""The same at the end of the training of an emulator for one study; 0 for none."""
-RIVALS = 3  # causes that are fitted, the first of those that screening puts near the best
-COMMON_ERROR = "emulator_error_"  # begins the names of what an emulator's error is by the model
+"""Fine curves at the end of training an emulator for one study; 0 for none."""
+RIVALS = 3  # number of causes fitted, of those that screening puts near the best
+COMMON_ERROR = "emulator_error_"  # prefix of the parameters of the emulator's error
 TARGET_SHIFT = 0.1
-"""Shift of a posterior mean that is small [sd]: an interval that should be as much wider is so by
-half a percent, and 400 effective draws leave 0.05 of Monte Carlo error."""
+"""A negligible shift of a posterior mean [sd]: it would widen an interval by half a percent, and
+400 effective draws leave a Monte Carlo error of 0.05."""
 
 
 @dataclass(frozen=True)
 class Posteriors:
-    """Where a study's posterior lies, by an emulator.
+    """A study's posterior region, from an emulator.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Posteriors:
 def posteriors_of(
     study: Study, surrogate: Surrogate, seed: int, *, base: Trial | None = None
 ) -> Posteriors:
-    """Fit a study's base model, and that with each cause which its readings speak for.
+    """Fit a study's base model, and that with each cause that its readings support.
 
     Parameters
     ----------
@@ -117,15 +117,15 @@ def posteriors_of(
 
 
 def shifts_of(trial: Trial, vectors: Floats, one: Surrogate, other: Surrogate) -> Floats:
-    r"""Return by how much means of a posterior move from one map to another [sd], (n_parameters,).
+    r"""Return the shift of posterior means from one map to another [sd], (n_parameters,).
 
-    Where the change of the log density is small against 1, what weighting by its exponential does
-    to a mean is the covariance with it,
+    If the change of the log density is small against 1, reweighting by its exponential shifts a
+    mean by the covariance with it,
 
     .. math:: \Delta\theta = \operatorname{cov}(\theta, \ln p_2 - \ln p_1)
 
-    That holds of parameters that readings hardly tell too. These move most, and not by what the
-    maps differ by but by how the difference changes with them.
+    This also holds for parameters that the readings hardly constrain. These move most, and depend
+    on how the difference of the maps changes with them, not on the difference itself.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def _log_density(trial: Trial, vectors: Floats, forward: Surrogate) -> Floats:
 
 @dataclass(frozen=True)
 class ErrorLeft:
-    """What an emulator's own error can still do to a posterior; the mesh's error is apart.
+    """Remaining effect of an emulator's error on a posterior, without the mesh error.
 
     Parameters
     ----------
@@ -178,12 +178,12 @@ class ErrorLeft:
 
     @property
     def is_small(self) -> bool:
-        """Whether further curves would change nothing that matters."""
+        """Whether further curves would make no relevant difference."""
         return self.shift_sd <= TARGET_SHIFT
 
 
 def error_left(posteriors: Posteriors, ground: Surrogate, refinement: Refinement) -> ErrorLeft:
-    r"""Return what the error of a refined emulator can still do to a posterior.
+    r"""Return the remaining effect of a refined emulator's error on a posterior.
 
     The standard error of a shift is that of the jackknife over the n curves,
     :math:`s^2 = \frac{n - 1}{n} \sum_k \Delta_k^2`, with Δ the shift without one of them.
@@ -210,14 +210,14 @@ def error_left(posteriors: Posteriors, ground: Surrogate, refinement: Refinement
 
 
 def _largest(trial: Trial, sizes: Floats) -> tuple[float, str]:
-    """Return the largest of the parameters but those of the emulator's own error, and which."""
+    """Return the largest shift, except of the emulator's error parameters, and its parameter."""
     names = trial.subject.table.names
     kept = [k for k, name in enumerate(names) if not name.startswith(COMMON_ERROR)]
     return max((float(sizes[k]), names[k]) for k in kept)
 
 
 def _share_of_reading_errors(trial: Trial, surrogate: Surrogate) -> float:
-    """Return rms of the standard error of interpolation over that of readings, at a mode."""
+    """Return the rms interpolation error relative to the reading errors, at a mode."""
     model = trial.subject
     state = model.tests(model.table.named(trial.mode[None]))
     exact = surrogate.without_mesh_error()
@@ -233,7 +233,7 @@ def _share_of_reading_errors(trial: Trial, surrogate: Surrogate) -> float:
 def refining_campaign(
     base: Campaign, posteriors: Posteriors, ground: Surrogate, number: int
 ) -> Campaign:
-    """Return a campaign with fine curves added where a posterior lies.
+    """Return a campaign with fine curves added in a posterior region.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def refined_by(
     posteriors: Posteriors,
     ground: Surrogate,
 ) -> tuple[Surrogate, ErrorLeft]:
-    """Return an emulator refined by what was solved, and what its error can still do.
+    """Return an emulator refined by the solved curves, and the remaining effect of its error.
 
     Raises
     ------

@@ -114,10 +114,10 @@ def run_study(
     forward: Surrogate | None = None,
     guard: Guard | None = None,
 ) -> VerdictRecord:
-    """Do the main job on a study and write the run folder, except for the page.
+    """Run the whole analysis of a study and write the run folder, except for the page.
 
-    Only reading and the calibration of the base model are indispensable. Any other stage that
-    fails is left out, with what happened in ``verdict.json``, ``run.json`` and ``left_out.txt``.
+    Only reading and the calibration of the base model are essential. Any other stage that fails is
+    left out, with the reason in ``verdict.json``, ``run.json`` and ``left_out.txt``.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def _judged(
     executor: Executor | None,
     guard: Guard,
 ) -> Results:
-    """Judge the base model of a study, and calibrate what follows from the verdict."""
+    """Judge the base model of a study, and calibrate the model of the verdict."""
     assembly = results.assembly
     judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
     with clock.stage("verdict"):
@@ -204,7 +204,7 @@ def _judged(
 def _without_suspects(
     study: Study, assembly: Assembly, forward: Surrogate | None, guard: Guard
 ) -> Assembly:
-    """Return a study's models without what does not belong with the rest of its readings."""
+    """Return a study's models without outlying readings."""
     with threadpool_limits(limits=1):
         stage = OptionalStage.SUSPECTS
         return guard.attempt(stage, without_suspects, study, assembly, forward) or assembly
@@ -218,7 +218,7 @@ def judged_with_suspects(
     executor: Executor | None,
     guard: Guard,
 ) -> Results:
-    """Judge the study with what was set aside too, at quick effort."""
+    """Judge the study with nothing set aside, at quick effort."""
     if results.judgement is None:
         return results
     work = partial(_decision_of, whole, forward, seed, executor)
@@ -241,7 +241,7 @@ def _decision_of(
 
 
 def _wake(executor: Executor | None) -> None:
-    """Let worker processes start and import while the study is read: that takes a second."""
+    """Start worker processes and their imports, a second of work, while the study is read."""
     if isinstance(executor, WorkerProcesses):
         for _ in range(executor.workers):
             executor.submit(awake)
@@ -258,7 +258,7 @@ def conclude(
     guard: Guard,
     full: bool = True,
 ) -> VerdictRecord:
-    """Write everything that follows from the calibrations and the verdict, except for the page.
+    """Write all results of the calibrations and the verdict, except for the page.
 
     Parameters
     ----------
@@ -301,7 +301,9 @@ def conclude(
         write = partial(write_results, pictures=pictures, deformed=full)
         document = write(study, files, results, generator)
     if POSTERIOR_AVERAGED not in files.written:
-        results = replace(results, averaged=None)  # what was left out is not recorded as there
+        results = replace(
+            results, averaged=None
+        )  # files of failed stages are not recorded as present
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, study, results) or InDoubt()
     record = run_document(study, results, clock.seconds, guard, doubted)
     folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
@@ -311,7 +313,7 @@ def conclude(
 def add_page(
     folder: RunFolder, document: VerdictRecord, guard: Guard
 ) -> tuple[VerdictRecord, Path | None]:
-    """Write the page of a run folder; return the verdict, with what was left out, and the page."""
+    """Write the page of a run folder; return the verdict, with failed stages, and the page."""
     page = guard.attempt(OptionalStage.PAGE, build_page, folder.path, guard)
     if guard.left_out:
         document = say_left_out(folder, document, guard)
@@ -319,10 +321,10 @@ def add_page(
 
 
 def with_counts(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
-    """Hold published counts of ruptures against the final model of a study that was not judged.
+    """Compare published rupture counts with the final model of a study that was not judged.
 
-    A verdict holds them against the model of the causes that readings show. So causes of rupture
-    that the final model has are left out, at its posterior of all else.
+    A verdict compares them with the model of the causes that readings show. So causes of rupture
+    are removed from the final model, at its posterior of all other parameters.
     """
     counts = results.assembly.counts
     if counts is None:
@@ -336,7 +338,7 @@ def with_counts(results: Results, seed: np.random.SeedSequence, guard: Guard) ->
 
 
 def _without_causes_of_rupture(fit: Fit) -> tuple[JointModel, Floats]:
-    """Return a model without causes that act on rupture alone, and some draws of the rest."""
+    """Return a model without causes that act only on rupture, and some draws of the rest."""
     model, vectors = fit.model, fit.chain.spread(COUNT_DRAWS)
     shown = tuple(cause for cause in model.causes if not cause.is_of_rupture_alone)
     if shown == model.causes:
@@ -347,12 +349,12 @@ def _without_causes_of_rupture(fit: Fit) -> tuple[JointModel, Floats]:
 
 
 def can_be_judged(base: Fit) -> bool:
-    """Return whether a base model has converged, and has readings that may show a misfit."""
+    """Return whether a base model has converged and has readings that can show a misfit."""
     return len(base.model.places) > 0 and base.diagnosis.is_converged
 
 
 def with_options(study: Study, effort: Effort | None = None, seed: int | None = None) -> Study:
-    """Return a study with another effort or seed than it states itself.
+    """Return a study with a different effort or seed.
 
     Examples
     --------
@@ -367,7 +369,7 @@ def with_options(study: Study, effort: Effort | None = None, seed: int | None = 
 def _begun_pictures(
     study: Study, results: Results, executor: Executor | None, guard: Guard
 ) -> Begun | None:
-    """Begin to solve the deformed actuators, which takes long, beside what comes next."""
+    """Start solving the deformed actuators, which takes long, in the background."""
     if results.final.model.actuator is None or executor is None:
         return None
     geometry = geometry_of_study(study.settings)
@@ -377,7 +379,7 @@ def _begun_pictures(
 def _begun_examination(
     study: Study, results: Results, seeds: Streams, executor: Executor | None, guard: Guard
 ) -> Examination | None:
-    """Begin to ask what the films alone say; None of a study with a forward map of its own."""
+    """Start the analysis of the films; None for a study with its own forward map."""
     if results.assembly.own is not None:
         return None
     effort, model = EFFORTS[study.settings.effort], results.base.model
@@ -386,7 +388,7 @@ def _begun_examination(
 
 
 def say_left_out(folder: RunFolder, document: VerdictRecord, guard: Guard) -> VerdictRecord:
-    """Write what was left out into a run folder, and the verdict with it; return the verdict.
+    """Write the failed stages and the verdict into a run folder; return the verdict.
 
     Parameters
     ----------
@@ -417,7 +419,7 @@ def judged_fit(
 ) -> Judgement:
     """Judge the base model of a study by its calibration.
 
-    One thread of linear algebra, so that the figures are the same bits on every machine.
+    Linear algebra uses one thread, so that results are the same bits on every machine.
     """
     with threadpool_limits(limits=1):
         if assembly.own is not None:
@@ -441,7 +443,7 @@ def judged_fit(
 
 
 def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
-    """Return a hash of everything that a run's results depend on."""
+    """Return a hash of all inputs of a run."""
     settings = study.settings
     own = settings.forward is not None
     emulator = b"" if own else to_bytes(forward or default_surrogate())
@@ -477,8 +479,8 @@ def _extend(
 def with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
     """Draw over the causes that cannot be told apart, if there are several.
 
-    Predictions of actuators are averaged. Of films alone there are none, and those with a forward
-    map of one's own are of the leading causes.
+    Only predictions of actuators are averaged; those with a user's forward map use the leading
+    causes.
     """
     if results.judgement is None or not bends_actuators(results.final.model.table.names):
         return results
@@ -494,7 +496,7 @@ def _final(
     fit: Calibrate,
     seed: np.random.SeedSequence,
 ) -> tuple[Fit, Judgement]:
-    """Return the model to predict with, and the verdict; without causes if it did not converge."""
+    """Return the predictive model and the verdict; without causes if it did not converge."""
     final = fit(extended[0], "final", seed=seed, start=extended[1])
     found = with_sampled_sizes(judgement, final)
     return (final if found.sampled else base), found

@@ -1,4 +1,4 @@
-"""What ``run.json`` says of a run: what it rests on, how it went, and what its checks came to."""
+"""Content of ``run.json``: the basis of a run, how it went, and results of its checks."""
 
 import json
 import multiprocessing
@@ -46,10 +46,10 @@ Floats = NDArray[np.float64]
 
 
 def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> list[ComparisonEntry]:
-    """Return every published statistic beside the posterior's own, 90 % intervals.
+    """Return every published statistic and that of the posterior, with 90 % intervals.
 
-    Of counts of ruptures it is the number that the model expects without a cause of rupture. What
-    it predicts no number of stands beside nothing.
+    For rupture counts it is the number that the model expects without a cause of rupture.
+    Quantities that it does not predict are left blank.
     """
     if study.summary is None:
         return []
@@ -83,11 +83,11 @@ def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> li
 
 
 FEWEST_RUPTURES = 0.05
-"""Expected ruptures that are told as a number: fewer than one in twenty such studies."""
+"""Expected ruptures below which only a bound is shown: fewer than one in twenty such studies."""
 
 
 def _expected_ruptures(counts: CountMisfit | None, degradation: float) -> str:
-    """Word how many actuators of a level the model expects to burst."""
+    """Format the number of actuators of a level that the model expects to burst."""
     levels = () if counts is None else counts.levels
     found = [one.tested * one.probability for one in levels if one.degradation == degradation]
     if not found:
@@ -133,7 +133,7 @@ class Basis:
 
 
 def bases(study: Study, model: JointModel) -> Iterator[Basis]:
-    """Yield which data the statements of the report rest on."""
+    """Yield the files behind the statements of the report."""
     virtual = study.settings.virtual
     for name, table in TABLES.items():
         frame = study.given(name)
@@ -155,12 +155,12 @@ USES = ("fitted", "held against the model", "shown")
 
 
 def _use(quantity: str, fitted: set[str], held: set[str]) -> str:
-    """Return what is made of a published statistic."""
+    """Return how a published statistic is used."""
     return USES[0] if quantity in fitted else USES[1] if quantity in held else USES[2]
 
 
 def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
-    """Return which statement rests on which data, in words."""
+    """Return the statements of the report with the data behind them."""
     return [
         BasisEntry(
             statement=sentences("run", "statement", one=one),
@@ -178,7 +178,7 @@ def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
 
 
 def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
-    """Return what the statements on a forward map of one's own rest on."""
+    """Return the data behind the statements on a user's forward map."""
     given = "readings.csv" if study.settings.forward is not None else "readings given in Python"
     origin = "virtual experiment" if study.settings.virtual else "measured"
     counts = [len(np.unique(block.places.specimen)) for block in own.readings]
@@ -193,7 +193,7 @@ def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
 
 
 def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
-    """Return what predictions need; counts that the final model is fitted to are checks too."""
+    """Return the model entry for predictions; counts that the final model fits are checks too."""
     tested = specimens_tested(final) or None
     return model_document(base, study).model_copy(update={"rupture_checks": tested})
 
@@ -204,7 +204,7 @@ def _model_of(results: Results, study: Study) -> ModelEntry:
     return found.model_copy(update={"averaged": members})
 
 
-# share of refused proposals above which the posterior may be cut off
+# share of refused proposals above which the posterior may be truncated
 WORRYING = 0.01
 LOOKED_AT = 1000  # posterior draws
 FACTS = (
@@ -271,7 +271,7 @@ def library_versions() -> dict[str, str]:
 
 
 def _checks(study: Study, results: Results) -> dict[str, str]:
-    """Return what checks, films and a vendor's figures came to, in plain words."""
+    """Return the results of checks, films and a vendor's figures in words."""
     said = {} if results.checks is None else results.checks.sentences(degrades=study.degrades)
     absorbed = None if results.judgement is None else results.judgement.absorbed
     if absorbed is not None:
@@ -284,7 +284,7 @@ def _checks(study: Study, results: Results) -> dict[str, str]:
 
 
 def draw_counts(results: Results) -> dict[str, int]:
-    """Return how many draws the posteriors have, and how many the emulator has no answer for."""
+    """Return the numbers of posterior draws, and of those outside the emulator's range."""
     count = results.final.chain.log_prob.size
     return {
         "posterior draws, base": results.base.chain.log_prob.size,
@@ -296,18 +296,18 @@ def draw_counts(results: Results) -> dict[str, int]:
 
 
 def _proposal_counts(results: Results) -> dict[str, int]:
-    """Return how many proposals of the sampler the emulator refused, and its curves cut short."""
+    """Return the numbers of refused proposals and of curves with a limit point."""
     forward, counts = emulated(results), dict[str, int]()
     cut = None if forward is None else emulator_facts(forward.record).curves_cut_short
     for label, fit in results.fits.items():
         counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
         counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
-    name = "finite element curves of the emulator that met a limit point"
+    name = "finite element curves of the emulator with a limit point"
     return counts | ({} if cut is None else {name: int(cut)})
 
 
 def emulated(results: Results) -> Surrogate | None:
-    """Return the emulator that stood for the mechanics, if one did."""
+    """Return the emulator that replaced the mechanics, if any."""
     world = results.base.model.world
     forward = mechanics_of(world.forward) if isinstance(world, FilmsAndActuators) else None
     return forward if isinstance(forward, Surrogate) else None
@@ -331,7 +331,7 @@ def _convergence(results: Results, *, degrades: bool) -> dict[str, ConvergenceEn
 
 
 def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
-    """Return what stood for the mechanics, and what of a posterior and its sampling it refuses."""
+    """Return the emulator's entry, with what it refuses of a posterior and its sampling."""
     forward = emulated(results)
     if forward is None:
         return EmulatorEntry()
@@ -355,14 +355,14 @@ def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
 
 
 def _refused_words(refused: dict[str, str]) -> str:
-    """Say which inputs of new specimens are refused."""
+    """Say which inputs of new specimens the emulator refuses."""
     if not refused:
         return ""
-    return f"Of new specimens in the same tests it refuses: {'; '.join(refused.values())}."
+    return f"For new specimens in the same tests it refuses: {'; '.join(refused.values())}."
 
 
 def emulator_facts(record: str) -> EmulatorEntry:
-    """Return what a trained emulator's record says of itself, as far as it says it.
+    """Return the facts in a trained emulator's record, as far as given.
 
     Parameters
     ----------
@@ -400,7 +400,7 @@ def _sentence(facts: EmulatorEntry, rms: float | None, trained: Mapping[str, obj
 
 
 def outside_words(share: float) -> str:
-    """Say what share of the posterior lies where the emulator has no answer; nothing if none does.
+    """Say what share of the posterior is outside the emulator's range; empty if none.
 
     Examples
     --------
@@ -411,7 +411,7 @@ def outside_words(share: float) -> str:
 
 
 def refusal_words(refusals: Refusals) -> str:
-    """Say how many proposals the emulator refused, and what to do if they are many.
+    """Say how many proposals the emulator refused, and what to do if there are many.
 
     Examples
     --------
@@ -422,13 +422,13 @@ def refusal_words(refusals: Refusals) -> str:
     return sentences("run", "refusals", **facts)
 
 
-DRAWS = 2000  # of a posterior, beside a figure of a vendor
+DRAWS = 2000  # posterior draws for the comparison with a vendor's figure
 FRESH = np.array([0.0])  # degradation rate at which vendors measure [%]
 
 
 @dataclass(frozen=True)
 class VendorFigure:
-    """A vendor's figure beside the posterior of the same quantity.
+    """A vendor's figure and the posterior of the same quantity.
 
     Parameters
     ----------
@@ -453,7 +453,7 @@ class VendorFigure:
 
     @property
     def distance(self) -> float | None:
-        """How far the posterior's median is above the figure, over the figure's sd."""
+        """Deviation of the posterior median from the figure, in the figure's sd."""
         return None if self.middle is None else (self.middle - self.value) / self.sd
 
 
@@ -474,7 +474,7 @@ class VendorCheck:
 
 
 def vendor_check(study: Study, model: JointModel, vectors: Floats) -> VendorCheck | None:
-    """Return a vendor's figures beside a posterior; None if the study states none.
+    """Return a vendor's figures and the posterior's; None if the study states none.
 
     Parameters
     ----------
@@ -505,14 +505,14 @@ def _figures(study: Study, model: JointModel, vectors: Floats) -> Iterator[Vendo
 
 
 def _use_of_elongation(study: Study, model: JointModel) -> str:
-    """Return what is made of a vendor's elongation at break."""
+    """Return how a vendor's elongation at break is used."""
     if not model.has_elongation:
         return "there is no actuator that could burst"
     measured = model.breaks is not None or any(
         one.quantity == "elongation_at_break" for one in model.statistics
     )
     if measured:
-        return "the study has elongations of its own"
+        return "the study has its own elongations"
     stated = node_name("elongation", 0.0) in study.settings.priors
     return "the study states a prior" if stated else "prior"
 
@@ -533,7 +533,7 @@ _HIGHEST = re.compile(r"^VmHWM:\s+(\d+) kB$", re.MULTILINE)
 def peaks_of_memory(name: str = "main process") -> dict[str, float]:
     """Return the largest resident memory of this process and of its largest worker now [MB].
 
-    Empty where the system does not say (it is Linux that does).
+    Empty if the system does not report it (Linux does).
 
     Parameters
     ----------
@@ -554,7 +554,7 @@ def peaks_of_memory(name: str = "main process") -> dict[str, float]:
 
 
 def _peak(process: str) -> float | None:
-    """Return the peak of a process [MB]; None if it is gone, or the system does not say."""
+    """Return the peak memory of a process [MB]; None if it has ended or is unknown."""
     try:
         found = _HIGHEST.search(Path("/proc", process, "status").read_text(encoding="ascii"))
     except (OSError, UnicodeDecodeError):

@@ -1,7 +1,7 @@
-"""A judgement in numbers and words, of a forward map of one's own above all.
+"""A judgement in numbers and words, mainly for a user's forward map.
 
-What may be trusted of a parameter: where a misfit is left, nothing, since the parameter has
-absorbed part of it: a Gaussian-process discrepancy makes the interval wider, not right
+If a misfit is left, no value of a parameter is reliable, since the parameter has absorbed part of
+it: a Gaussian-process discrepancy makes the interval wider, not correct
 (Brynjarsdóttir and O'Hagan 2014, doi:10.1088/0266-5611/30/11/114007).
 """
 
@@ -16,11 +16,11 @@ from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.quantities import p_value_text
 from bayesdeg.report.wording import worded
 
-SEED = 0  # of the draws that are summarised
+SEED = 0  # seed of the summarised draws
 
 
 def summary(judgement: Judgement) -> dict[str, Any]:
-    """Return outcome, misfit, every fitted set of causes, and what may be trusted.
+    """Return outcome, misfit, every fitted set of causes, and reliable parameter values.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def _in_words(misfit: dict[str, float], unit: str = "") -> str:
 
 
 def lines(found: dict[str, Any]) -> list[str]:
-    """Return a summary in words, a line for each statement."""
+    """Return a summary in words, one line per statement."""
     units = {name: f" {unit}".removesuffix(" –") for name, unit in found["units"].items()}
     left = found["misfit_left"]
     causes = " or " if found["outcome"] == "ambiguous" else " and "
@@ -85,7 +85,7 @@ def lines(found: dict[str, Any]) -> list[str]:
         out.append(f"held out, with {name}: log density {gain:+.1f} ± {error:.1f}")
     for name, value in found["trusted"].items():
         if value is None:
-            out.append(f"{name}: not to be trusted, no model that was tried is left without misfit")
+            out.append(f"{name}: unreliable: every model leaves a misfit")
         else:
             low, high = value["interval_90"]
             out.append(f"{name}: {low:.3g} to {high:.3g}{units[name]} (90 %)")

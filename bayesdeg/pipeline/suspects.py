@@ -1,7 +1,7 @@
-"""A study that asks for it is looked through for mishaps before it is calibrated.
+"""Search of a study for mishaps before calibration, if it asks for it.
 
-What is found is set aside: calibration, verdict and predictions are made without it, and the report
-says with which outcome they would be made with it.
+Suspects are set aside: calibration, verdict and predictions exclude them, and the report gives the
+outcome that includes them.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ from bayesdeg.pipeline.reach import assemble_within_reach, in_another_unit
 
 Floats = NDArray[np.float64]
 
-SEED = 0  # of starts of the climb to the mode, which they hardly move
+SEED = 0  # seed of starts of the mode search, which hardly depends on them
 
 
 def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assembly:
-    """Build the base model of a study, without what does not belong to it if it says so.
+    """Build the base model of a study, without suspects if it asks for that.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assemb
 
 
 def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | None) -> Assembly:
-    """Return an assembly without the suspects of its study; itself, where there is none.
+    """Return an assembly without the suspects of its study, or itself if there are none.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
 
 
 def _doubted(study: Study) -> tuple[Aside, ...]:
-    """Return single specimens whose columns are many times those of the others: another unit."""
+    """Return single specimens with values many times those of the others: a different unit."""
     return tuple(
         Aside(None, FILES[fault.file], (str(fault.specimen),), ())
         for fault in in_another_unit(study)
@@ -110,7 +110,7 @@ def _mode_of(
     """Return the mode of a study without suspects, as a vector of the whole model."""
     try:
         model = assemble(study, forward).model
-    except BayesdegError:  # what is left is no study
+    except BayesdegError:  # the rest is not a study
         return None
     values = {name: value[0] for name, value in whole.table.named(start[None]).items()}
     medians = {p.name: float(p.law.quantile(0.5)) for p in model.table.parameters}
@@ -123,7 +123,7 @@ def _mode_of(
 
 
 def _batches(study: Study) -> list[tuple[str, ...]]:
-    """Return the specimens of each batch, where a table says which batch they are of."""
+    """Return the specimens of each batch, if a table records batches."""
     found: dict[str, tuple[str, ...]] = {}
     for table in (study.actuator, study.tensile):
         for name, batch in recorded_batches(table).items():

@@ -1,8 +1,8 @@
-"""The photographs of a study are traced: what a camera saw becomes lines of points.
+"""Tracing the photographs of a study into lines of points.
 
-A photograph that cannot be read as a picture is a fault of the study. One that can, but in which no
-line is found, is left out and said. What was traced is kept by a hash of the photograph, of the
-options and of the code that traces, where the command is called and never in the study.
+A file that cannot be read as a picture is a fault of the study. A photograph without a detectable
+line is left out and reported. Traces are cached by a hash of the photograph, the options and the
+tracing code, in the working directory and never in the study.
 """
 
 import importlib.resources
@@ -36,14 +36,14 @@ from bayesdeg.pipeline.progress import Progress
 Floats = NDArray[np.float64]
 
 CACHE = Path(".cache/traces")
-FEWEST_LENGTHS = 4  # of which the median is that of the actuators
-SEED = 1  # of the draws that errors are taken from, as of the command
+FEWEST_LENGTHS = 4  # lengths needed for a median
+SEED = 1  # seed of the error estimates, as in the command
 _MARKERS, _PHOTOS = "markers", "photos"
 _OPTION = re.compile(r"--(grid|ruler|length|scale|base|hint|line)\b")
 
 
 def with_photographs(study: Study, progress: Progress, kept: Path = CACHE) -> Study:
-    """Return a study whose photographs have been traced, and their lines read.
+    """Return a study with lines read from its photographs.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def with_photographs(study: Study, progress: Progress, kept: Path = CACHE) -> St
 
 
 def _read(study: Study, found: list[TracedPhotograph], hashes: Mapping[str, str]) -> Study:
-    """Read the lines of photographs as those of ``markers.csv``."""
+    """Read the lines of photographs like those of ``markers.csv``."""
     table = study.table(_PHOTOS)
     assert table is not None
     lines = [
@@ -95,7 +95,7 @@ def _read(study: Study, found: list[TracedPhotograph], hashes: Mapping[str, str]
     ]
     if not lines:
         why = f"{found[0].file}: {found[0].refused}"
-        problem = f"has no photograph of {len(found)} in which a line could be traced"
+        problem = f"has {len(found)} photographs, but no line could be traced in any"
         raise StudyError([Fault(FILE, problem, f"the first: {why}")])
     pixels = dict.fromkeys(("x_px", "y_px", "scale_mm_per_px"), np.nan)
     markers = pd.concat(lines, ignore_index=True).assign(**pixels)
@@ -110,9 +110,9 @@ def _read(study: Study, found: list[TracedPhotograph], hashes: Mapping[str, str]
 
 
 def _of_one_length(found: list[TracedPhotograph], moulded: float) -> list[TracedPhotograph]:
-    """Refuse lines that are much longer or shorter than most: paper does not stretch.
+    """Refuse lines much longer or shorter than most, since paper does not stretch.
 
-    Where part of a line is hidden, or another edge was taken for it, its length says so.
+    A wrong length shows that part of a line is hidden, or that a different edge was traced.
     """
     lengths = [one.length_mm for one in found if not one.refused]
     usual = float(np.median(lengths)) if len(lengths) >= FEWEST_LENGTHS else None
@@ -124,12 +124,12 @@ def _of_one_length(found: list[TracedPhotograph], moulded: float) -> list[Traced
 
 
 def _odd_length(length: float, usual: float | None, moulded: float) -> str:
-    remedy = "show the line with [photographs] hint, and check the scale"
+    remedy = "mark the line with [photographs] hint, and check the scale"
     if not SHORTEST <= length / moulded <= LONGEST:
-        found = f"{length:.3g} mm, of an actuator that is moulded {moulded:.3g} mm"
+        found = f"{length:.3g} mm, but the actuator is moulded with {moulded:.3g} mm"
         return f"its line measures {found}; {remedy}"
     if usual is not None and abs(length / usual - 1.0) > LENGTH_AGREES:
-        return f"its line measures {length:.3g} mm, and half of the others {usual:.3g} mm; {remedy}"
+        return f"its line measures {length:.3g} mm, the median of all {usual:.3g} mm; {remedy}"
     return ""
 
 
@@ -141,21 +141,21 @@ def _labelled(photograph: TracedPhotograph, row: Mapping[Hashable, object]) -> T
 
 @dataclass(frozen=True)
 class _ByHand:
-    """Lines by the names of photographs: near the edge, and in the place of tracing."""
+    """Lines by photograph: hints near the edge, and lines given instead of tracing."""
 
     hints: Mapping[str, Floats]
     lines: Mapping[str, Floats]
 
 
 class _Tracing:
-    """Traces photographs of one study, or finds what was traced before."""
+    """Traces photographs of one study, or finds earlier traces."""
 
     def __init__(self, options: PhotographOptions, by_hand: _ByHand, kept: Path | None) -> None:
         self._options, self._by_hand, self._kept = options, by_hand, kept
         self._scale = PictureScale(options.grid, options.ruler, options.length, options.scale)
 
     def of(self, name: str, path: Path) -> TracedPhotograph:
-        """Return what is traced in a photograph, or why nothing is.
+        """Return the trace of a photograph, or why there is none.
 
         Raises
         ------
@@ -165,7 +165,7 @@ class _Tracing:
         try:
             content = read_bytes(path, most_mb=PHOTO_MB)
         except OSError as fault:
-            remedy = "give a photograph that can be read"
+            remedy = "give a readable photograph"
             problem = f"cannot be read ({reason(fault)})"
             raise StudyError([Fault(f"{FOLDER}/{name}", problem, remedy)]) from fault
         key = self._key(name, content)
@@ -173,7 +173,7 @@ class _Tracing:
         if known is None:
             known = self._traced(name, content)
             if self._kept is not None:
-                with suppress(ResumableError):  # where nothing can be written, nothing is kept
+                with suppress(ResumableError):  # without write access nothing is kept
                     write_text(self._kept / f"{key}.json", known.text())
         return known.model_copy(update={"file": name})
 
@@ -188,7 +188,7 @@ class _Tracing:
     def _known(self, key: str) -> TracedPhotograph | None:
         if self._kept is None:
             return None
-        with suppress(OSError, ValueError):  # one that is damaged is traced again
+        with suppress(OSError, ValueError):  # a damaged trace is made again
             content = read_bytes(self._kept / f"{key}.json", most_mb=RUN_MB)
             return TracedPhotograph.read(parse_json(content))
         return None
@@ -213,7 +213,7 @@ class _Tracing:
 
 @cache
 def _code() -> str:
-    """Return a hash of the code that traces."""
+    """Return a hash of the tracing code."""
     folder = importlib.resources.files("bayesdeg.photographs")
     modules = sorted(
         (one for one in folder.iterdir() if one.name.endswith(".py")), key=lambda one: one.name
@@ -222,7 +222,7 @@ def _code() -> str:
 
 
 def _outside(kept: Path, study: Path) -> Path | None:
-    """Return a folder unless it is in the study, where nothing is written."""
+    """Return a folder unless it is inside the study, where nothing is written."""
     return None if kept.resolve().is_relative_to(study.resolve()) else kept
 
 
@@ -234,19 +234,19 @@ def _raise(faults: Iterator[Fault] | list[Fault]) -> None:
 def _wrong_study(study: Study) -> Iterator[Fault]:
     for name, file in (("actuator", "actuator.csv"), (_MARKERS, "markers.csv")):
         if study.table(name) is not None:
-            remedy = "keep the photographs, or what was read of them"
-            yield Fault(FILE, f"is there beside {file}", remedy)
+            remedy = "keep either the photographs or the readings from them"
+            yield Fault(FILE, f"is given together with {file}", remedy)
     if not study.settings.photographs.has_scale:
         problem = "states no scale of the photographs"
         remedy = "give grid, ruler, length or scale in mm"
         yield Fault(SETTINGS_FILE, problem, remedy, None, "photographs")
     if not study.settings.is_default_mould:
-        problem = "is known of the default actuator alone: what points read of another is not"
+        problem = "is available only for the default actuator, not for points on a different one"
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
 
 
 def _set_by_hand(study: Study) -> tuple[_ByHand, dict[str, str]]:
-    """Return the lines near the edge and those that are stated, and the hashes of their files."""
+    """Return hints and given lines, and the hashes of their files."""
     options = study.settings.photographs
     hints, hash_of_hints = _lines_in(study, "hint", options.hint)
     lines, hash_of_lines = _lines_in(study, "line", options.line)

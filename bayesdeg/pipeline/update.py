@@ -1,4 +1,4 @@
-"""Further readings of actuators enter a finished run: its posterior, its bands, its ruptures."""
+"""Adding further actuator readings to a finished run."""
 
 import hashlib
 import re
@@ -82,29 +82,29 @@ ANEW = (
     *(columns.BANDS, columns.RUPTURE, columns.OBSERVATIONS, columns.LEVELS, columns.DECISIONS),
     *(columns.FITTED, columns.LIFETIME, columns.SHARES, columns.CRITERIA),
 )
-"""Tables that follow from the posterior and are made anew.
+"""Tables that follow from the posterior and are recomputed.
 
-All others are those of the run: of the verdict and of checks, which an update does not repeat, and
-of films, which readings of actuators do not change.
+All others are kept from the run: those of the verdict and of checks, which an update does not
+repeat, and those of films, which actuator readings do not change.
 """
 
 STAGES_ANEW = (
     *(OptionalStage.COMPARISONS, OptionalStage.IN_DOUBT),
     *(OptionalStage.READINGS, OptionalStage.REFUSED),
 )
-"""What else an update does again."""
+"""Further files that an update writes again."""
 
-VOLUME = "cavity_volume_ml"  # needs the curvatures of the same specimens anew
-COUNTS_STREAM = 3  # of the seed: simulated counts of ruptures
-DRAWS = 12000  # of equal weight, of which tables are made: three for each effective one
-ENSEMBLES = 4  # among which they are divided, in the form of chains
-CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and by how much [nats]
+VOLUME = "cavity_volume_ml"  # needs the curvatures of the same specimens again
+COUNTS_STREAM = 3  # stream of the seed for simulated rupture counts
+DRAWS = 12000  # draws of equal weight for tables: three for each effective one
+ENSEMBLES = 4  # number of chains into which they are divided
+CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and the tolerance [nats]
 _NUMBERED = re.compile(r"_updated(_\d+)?$")
 
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A finished run, with the study that it was made of.
+    """A finished run and its study.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class TakenIn:
 
 
 def finished(report: Path) -> FinishedRun:
-    """Read a finished run and the study that it was made of.
+    """Read a finished run and its study.
 
     Raises
     ------
@@ -158,30 +158,30 @@ def finished(report: Path) -> FinishedRun:
     """
     if not report.is_dir():
         raise BayesdegError(
-            f"{report}: there is no such folder; name a run folder, such as reports/NAME, that "
+            f"{report}: no such folder; name a run folder, such as reports/NAME, that "
             "`bayesdeg run` has written"
         )
     folder = RunFolder(report)
     run, verdict = folder.read_run(), folder.read_verdict()
     if run.forward:
         raise BayesdegError(
-            f"{report}: the run is of a forward map of one's own, which cannot be updated yet; add "
-            "the readings to readings.csv and run the study again"
+            f"{report}: runs with a user's forward map cannot be updated yet; add the readings to "
+            "readings.csv and run the study again"
         )
     if run.model is None or "pressure_kPa" not in run.model.measured:
         raise BayesdegError(
-            f"{report}: the study has no readings of actuators to which others could be added; add "
-            f"{FILE} to the study and run it again"
+            f"{report}: the study has no actuator readings to add to; add {FILE} to the study and "
+            "run it again"
         )
     if any(one.set_aside for one in run.suspects):
         raise BayesdegError(
             f"{report}: the run set specimens or readings aside (suspects.csv), which only a new "
-            f"run can judge again: add the rows to {FILE} of the study and run it again"
+            f"run can reconsider: add the rows to {FILE} of the study and run it again"
         )
     study = _study_of(report, owner_of(report) or Owner(), run)
     if study.line_points is not None:
         raise BayesdegError(
-            f"{report}: the run is of lines of points, to which no readings can be added yet; add "
+            f"{report}: the run uses lines of points, to which no readings can be added yet; add "
             f"the points to {study.lines_file} and run the study again"
         )
     return FinishedRun(folder, run, verdict, study, _earlier(folder, run))
@@ -191,9 +191,8 @@ def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
     place = report / owner.folder
     if not owner.folder or not place.is_dir():
         raise BayesdegError(
-            f"{report}: the study {owner.folder or run.study} of this run is not there any more; "
-            "the run holds draws, and readings are weighed with those of the study: put it back, "
-            "or run it again"
+            f"{report}: the study {owner.folder or run.study} of this run no longer exists, but an "
+            "update needs its readings: put it back, or run it again"
         )
     study = read_study(place)
     names = {*run.hashes, *study.hashes}
@@ -201,26 +200,23 @@ def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
     if changed:
         raise BayesdegError(
             f"{', '.join(changed)} of {study.name} changed since the run; run it again, so that "
-            "the posterior is of the study as it is"
+            "the posterior belongs to the current study"
         )
     return study
 
 
 def _earlier(folder: RunFolder, run: RunRecord) -> bytes | None:
-    """Return the rows that were added to a run before."""
+    """Return the rows added to a run earlier."""
     if run.update is None:
         return None
     path = folder.path / ADDED
     try:
         content = read_bytes(path, most_mb=STUDY_MB)
     except OSError as fault:
-        raise BayesdegError(
-            f"{path}: {reason(fault)}; update the run again that it was made of"
-        ) from fault
+        raise BayesdegError(f"{path}: {reason(fault)}; update the original run again") from fault
     if hashlib.sha256(content).hexdigest() != run.update.added_sha256:
         raise BayesdegError(
-            f"{path}: it is not the file that was written with this run; update the run again that "
-            "it was made of"
+            f"{path}: this is not the file written with this run; update the original run again"
         )
     return content
 
@@ -241,7 +237,7 @@ def read_new(path: Path) -> bytes:
 
 
 def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Study, Study]:
-    """Return the added rows, the study before and after; refuse what is impossible.
+    """Return the added rows and the study before and after; refuse impossible data.
 
     Raises
     ------
@@ -265,21 +261,21 @@ def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Stu
     )
     if VOLUME in found.filled:
         raise BayesdegError(
-            f"{name}: volumes ({VOLUME}) are not taken in by an update; leave the column out, or "
-            "add the rows to the study and run it again"
+            f"{name}: an update cannot use volumes ({VOLUME}); leave the column out, or add the "
+            "rows to the study and run it again"
         )
     known = {p.name for p in outline(before).base}
     wanted = [p.name for p in outline(after).base if p.name not in known]
     if wanted:
         raise BayesdegError(
-            f"{name}: the run has no parameters for what was read ({', '.join(wanted)}); add the "
+            f"{name}: the run lacks parameters for these readings ({', '.join(wanted)}); add the "
             "rows to the study and run it again, or leave out the column or specimen"
         )
     return found, before, after
 
 
 def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, ...]:
-    """Say what is unlikely of new rows, and refuse what is impossible.
+    """Return doubts about new rows, and refuse impossible ones.
 
     Parameters
     ----------
@@ -306,7 +302,7 @@ def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, .
 
 
 def refuse_beyond(studies: tuple[Study, Study], model: JointModel, name: str) -> None:
-    """Refuse new readings that no curve of their material reaches.
+    """Refuse new readings that no curve of the material reaches.
 
     Parameters
     ----------
@@ -343,8 +339,8 @@ def _beyond(study: Study, model: JointModel) -> set[tuple[str, float, str, float
 def _out_of_reach(name: str, specimen: str, pressures: Sequence[str]) -> Fault:
     return Fault(
         name,
-        f"by films and priors it balloons before {' and '.join(dict.fromkeys(pressures))} kPa, so "
-        "that no curve of the model goes so far",
+        f"by films and priors it balloons below {' and '.join(dict.fromkeys(pressures))} kPa, so "
+        "no model curve reaches that far",
         f"leave these rows out, or add all rows to {FILE} of the study and run it again, which "
         "sets such readings aside",
         specimen=specimen,
@@ -356,7 +352,7 @@ def _out_of_reach(name: str, specimen: str, pressures: Sequence[str]) -> Fault:
 
 
 def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
-    """Return a model of the run by the names of its parameters."""
+    """Return the model of the run with these parameter names."""
     of_causes = (name for name in names if "." in name and not is_dimension(name))
     wanted = dict.fromkeys(name.split(".")[0] for name in of_causes)
     known = {cause.name: cause for cause in assembly.causes}
@@ -364,14 +360,14 @@ def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
     model = assembly.extended(*(known[name] for name in wanted if name in known))
     if lacking or set(model.table.names) != set(names):
         raise BayesdegError(
-            "the posterior is of another model than the study gives in this version; run the study "
-            "again"
+            "the posterior is of a different model from that of the study in this version; run the "
+            "study again"
         )
     return model
 
 
 def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Posterior]:
-    """Return the posteriors of a run by name: where no cause was found both are one.
+    """Return the posteriors of a run by name; without a cause both are the same.
 
     Raises
     ------
@@ -381,8 +377,8 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Posterior]:
     entry = of.run.model
     if entry is not None and entry.nodes_pct != assembly.model.nodes:
         raise BayesdegError(
-            f"{of.folder.path}: run.json has nodes of degradation ({entry.nodes_pct}) that are not "
-            f"those of the study ({assembly.model.nodes}); run the study again"
+            f"{of.folder.path}: run.json has degradation nodes ({entry.nodes_pct}) that differ "
+            f"from those of the study ({assembly.model.nodes}); run the study again"
         )
     found: dict[str, Posterior] = {}
     for posterior in (POSTERIOR, POSTERIOR_BASE):
@@ -433,8 +429,8 @@ def _taken_in(
         sample = updated.posterior
         raise BayesdegError(
             f"the new readings move the posterior too far for its draws ({sample.effective:.0f} "
-            f"effective draws of {FEWEST:.0f} wanted, Pareto k {sample.pareto_k:.2f} of "
-            f"{RELIABLE_K:g} at most): add the rows to {FILE} of the study and run it again"
+            f"effective draws, {FEWEST:.0f} required; Pareto k {sample.pareto_k:.2f}, at most "
+            f"{RELIABLE_K:g}): add the rows to {FILE} of the study and run it again"
         )
     return TakenIn(_fit(model, updated, generator), updated, vectors)
 
@@ -442,25 +438,25 @@ def _taken_in(
 def _refuse_other_density(
     model: JointModel, vectors: Floats, known: Floats, of: FinishedRun
 ) -> None:
-    """Refuse a run of which this version computes another density."""
+    """Refuse a run whose density this version computes differently."""
     some = np.unique(np.linspace(0, len(vectors) - 1, CHECKED).astype(np.intp))
     if not np.all(np.abs(model.log_prob(vectors[some]) - known[some]) <= SAME):
         raise BayesdegError(
             f"{of.folder.path}: this version of bayesdeg ({bayesdeg.__version__}; the run: "
-            f"{of.run.version}) computes another density of its draws than is recorded; run the "
-            "study again"
+            f"{of.run.version}) computes a density of its draws that differs from the record; run "
+            "the study again"
         )
 
 
 def _independent(run: RunRecord, posterior: str, count: int) -> float:
-    """Return the share of stored draws that are worth an independent one each."""
+    """Return the effective share of stored draws."""
     entry = run.convergence.get("base" if posterior == POSTERIOR_BASE else "final")
     fewest = None if entry is None else entry.ess_min
     return 1.0 if fewest is None else min(1.0, fewest / count)
 
 
 def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) -> Fit:
-    """Return an updated posterior as tables are made of it: draws of equal weight."""
+    """Return draws of equal weight from an updated posterior, for tables."""
     sample = updated.posterior
     places = drawn_evenly(sample, generator, DRAWS)
     vectors = sample.draws[places]
@@ -474,9 +470,9 @@ def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) ->
 
 
 def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence:
-    """Return diagnostics of draws that are independent but for those that stand several times.
+    """Return diagnostics of draws that are independent except for duplicates.
 
-    They come from no chains, so there is no R̂.
+    They do not come from chains, so there is no R̂.
     """
     size = len(model.table)
     return Convergence(
@@ -498,7 +494,7 @@ def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence
 
 
 def default_target(report: Path) -> Path:
-    """Return where an update goes if nothing else is said.
+    """Return the default folder of an update.
 
     Examples
     --------
@@ -548,7 +544,7 @@ def update(
     emulator: Path | None,
     progress: Progress,
 ) -> UpdatedRun:
-    """Let further readings of actuators enter a finished run, and write a new run folder.
+    """Add further actuator readings to a finished run, and write a new run folder.
 
     Parameters
     ----------
@@ -624,7 +620,7 @@ def _results(
     seed: int | None,
     progress: Progress,
 ) -> tuple[Results, dict[str, TakenIn]]:
-    """Return the updated calibrations: of the final model, and of the base model beside it."""
+    """Return the updated calibrations of the final and the base model."""
     taken: dict[str, TakenIn] = {}
     before, after = map(actuator_curves, studies)
     assert before is not None
@@ -633,9 +629,9 @@ def _results(
         if number and drawn[posterior] is drawn[POSTERIOR]:
             taken[posterior] = taken[POSTERIOR]
             continue
-        progress.stage(f"taking the readings in: {posterior}")
+        progress.stage(f"adding the readings: {posterior}")
         generator = np.random.default_rng(_seed(of, seed, 1 + number))
-        # predictions are the final model's; the base model is only taken along
+        # the final model predicts; the base model is only kept up to date
         enough = ENOUGH if posterior == POSTERIOR else FEWEST
         taken[posterior] = _taken_in(
             of, posterior, drawn[posterior], (before, after), found.specimens, generator, enough
@@ -645,7 +641,7 @@ def _results(
 
 
 def _seed(of: FinishedRun, given: int | None, stream: int) -> np.random.SeedSequence:
-    """Return a stream of random numbers that no other update and no other work of the run has."""
+    """Return a random stream used by no other update and no other part of the run."""
     number = given if given is not None else (of.run.seed or 0)
     times = 0 if of.run.update is None else int(of.run.update.times or 0)
     return np.random.SeedSequence([number, 2, times, stream])
@@ -659,14 +655,14 @@ def _write(
     guard: Guard,
     generator: np.random.Generator,
 ) -> None:
-    """Write posteriors and tables that follow from them, and copy those that do not."""
-    folder.remove(f"{RUN}.json")  # until all else is there, it is no run
+    """Write posteriors and tables that follow from them, and copy the others."""
+    folder.remove(f"{RUN}.json")  # it becomes a run only when all else is written
     folder.remove(INDEX)
     files = Files(folder, guard)
     kept = EFFORTS[of.run.effort if of.run.effort in EFFORTS else "standard"].kept
     strict = Files(folder, Guard(strict=True), files.written)
     for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
-        # of a base model that is only taken along, half as many
+        # half as many for the base model
         some = kept if fit is results.final else kept // 2
         strict.posterior(name, fit, generator, kept=some)
     soil = known_soil_of(of.folder.path)
@@ -680,7 +676,7 @@ def _write(
 
 
 def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
-    """Add what the run found of the course of degradation to the parameters: it is as before."""
+    """Add the unchanged parameters of the course of degradation."""
     old, new = (one.read_table(columns.PARAMETERS) for one in (of.folder, folder))
     if old is not None and new is not None and (old["model"] == "course").any():
         course = old[old["model"] == "course"]
@@ -688,7 +684,7 @@ def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
 
 
 def _as_before(path: Path) -> list[Path]:
-    """Return files of a run that an update does not touch."""
+    """Return the files of a run that an update does not change."""
     tables = [t.file for name, t in columns.TABLES.items() if name not in ANEW]
     names = (*tables, f"{POSTERIOR_COURSE}.nc", "deformed.npz", EMULATOR)
     pictures = sorted(path.glob("actuator_*pct.vtu"))
@@ -696,7 +692,7 @@ def _as_before(path: Path) -> list[Path]:
 
 
 def _entry(of: FinishedRun, found: Enlarged, taken: Mapping[str, TakenIn]) -> UpdateEntry:
-    """Return what is recorded of an update."""
+    """Return the record of an update."""
     names = {"final": POSTERIOR, "base": POSTERIOR_BASE}
     before = of.run.update
     return UpdateEntry(
@@ -722,7 +718,7 @@ def _entry(of: FinishedRun, found: Enlarged, taken: Mapping[str, TakenIn]) -> Up
 
 
 def _not_averaged(run: RunRecord) -> tuple[MemberEntry, ...]:
-    """Return the sets of causes that could not be told apart before, by this update or another."""
+    """Return the sets of causes that were averaged before this or an earlier update."""
     averaged = () if run.model is None else run.model.averaged
     return averaged or (() if run.update is None else run.update.not_averaged)
 
@@ -740,7 +736,7 @@ def _finish(
     guard: Guard,
     begun: float,
 ) -> None:
-    """Write the rows, the verdict as it was, and last what is recorded of the run."""
+    """Write the rows, the unchanged verdict and, last, the run record."""
     found, entry, unlikely = what
     write_bytes(folder.path / ADDED, found.added)
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, after, results, unlikely) or InDoubt()
@@ -771,7 +767,7 @@ def _finish(
 
 
 def _still_left_out(of: FinishedRun) -> tuple[LeftOutEntry, ...]:
-    """Return what the run left out and an update does not make anew."""
+    """Return the failed stages of the run that an update does not repeat."""
     anew = {*(table_stage(name) for name in ANEW), *STAGES_ANEW}
     return tuple(one for one in of.verdict.left_out if one.stage not in anew)
 
@@ -789,7 +785,7 @@ def _convergence(entry: UpdateEntry) -> dict[str, ConvergenceEntry]:
 
 
 def _moved(taken: TakenIn) -> pd.DataFrame:
-    """Return how far each parameter moved."""
+    """Return the shift of each parameter."""
     table = taken.fit.model.table
     new = taken.fit.chain.vectors.reshape(-1, len(table))
     before, after = (table.named(vectors) for vectors in (taken.before, new))

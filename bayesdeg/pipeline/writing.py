@@ -1,4 +1,4 @@
-"""The tables and posteriors of a run: how each is made, and which are written."""
+"""Building and writing the tables and posteriors of a run."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -96,7 +96,7 @@ FITTED_DRAWS = 2000
 
 
 def observations(model: JointModel, label: str, fit: CurvatureFit) -> pd.DataFrame:
-    """Return every reading of curvature beside its posterior prediction."""
+    """Return every reading of curvature with its posterior prediction."""
     assert model.actuator is not None
     data, mask = model.actuator, model.actuator.mask
     shape = mask.shape
@@ -118,9 +118,9 @@ def observations(model: JointModel, label: str, fit: CurvatureFit) -> pd.DataFra
 
 
 def fitted(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame | None:
-    """Return readings without a table of their own beside their posterior predictions.
+    """Return readings without their own table, with posterior predictions.
 
-    The quantiles are of a reading of another specimen in the same test; None without such readings.
+    Quantiles are for a reading on a new specimen in the same test; None without such readings.
     """
     model, scales = fit.model, fit.model.scales
     rows = np.isin(model.places.kind, list(scales))
@@ -153,7 +153,7 @@ def fitted(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame
 
 
 def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame:
-    """Return every reading of stress, fitted or held out, beside its posterior prediction."""
+    """Return every reading of stress, fitted or held out, with its posterior prediction."""
     frames = []
     values = draw_values(fit.model, fit.chain, generator, 400)
     for fitted in (True, False):
@@ -166,7 +166,7 @@ def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) 
 
 
 def held_out_modes(table: pd.DataFrame) -> str:
-    """Say how wrong modes of tension are that were predicted, not fitted; empty if none was."""
+    """Describe the errors of predicted modes of tension; empty if none was held out."""
     held = table[(table["model"] == "final") & (table["fitted"] == 0)]
     said = []
     for mode, rows in held.groupby("mode"):
@@ -197,7 +197,7 @@ def _tensile(
     noise = np.sqrt(stress_variance(values, drawn))
     readings = drawn + noise * generator.standard_normal(drawn.shape)
     low, high = np.quantile(readings, [0.05, 0.95], axis=0)
-    # the table is in nominal stress, whatever was recorded
+    # the table is in nominal stress, whatever stress was recorded
     to_nominal = np.where(curves.cauchy, 1.0 / curves.stretch, 1.0)
     mask, shape = curves.mask, curves.mask.shape
     return pd.DataFrame(
@@ -290,7 +290,7 @@ def elongation(fit: Fit, generator: np.random.Generator) -> pd.DataFrame | None:
 
 
 def measured(study: Study) -> pd.DataFrame:
-    """Return what was reduced from readings or taken from publications, and what it rests on."""
+    """Return quantities derived from readings or publications, and their basis."""
     units = {"young_modulus": "MPa", "elongation_at_break": "%", "volume_ratio": "–"}
     units["modulus_100"] = "MPa"
     rows: list[dict[str, object]] = [
@@ -321,7 +321,7 @@ def _moisture(study: Study) -> list[dict[str, object]]:
     content = moisture_content(table["mass_equilibrated_g"], table["mass_dry_g"])
     try:
         films = degradation_of_films(table["time_h"].to_numpy(np.float64), content)
-    except ValueError:  # no films at time 0, or no replicates: there is no rate to speak of
+    except ValueError:  # without films at time 0 or replicates there is no rate
         return []
     return [
         {
@@ -340,7 +340,7 @@ def _moisture(study: Study) -> list[dict[str, object]]:
 
 
 def _volume_ratios(study: Study) -> list[dict[str, object]]:
-    """Return α as Eqs 15 and 16 have it, which is shown beside that of the components' volumes."""
+    """Return α by Eqs 15 and 16, for comparison with that from the components' volumes."""
     assert study.shrinkage is not None
     printed = mean_as_printed(film_masses(study.shrinkage), study.settings.recipe)
     return [
@@ -351,7 +351,7 @@ def _volume_ratios(study: Study) -> list[dict[str, object]]:
             "sd": printed.standard_error,
             "unit": "–",
             "n": float(printed.count),
-            "rests_on": "shrinkage.csv, densities averaged by mass: for comparison, not used",
+            "rests_on": "shrinkage.csv, densities averaged by mass: for comparison only",
         }
     ]
 
@@ -360,7 +360,7 @@ def _mass_loss(control: pd.DataFrame) -> list[dict[str, object]]:
     """Return the slope of Eq. 6 with moisture on either basis."""
     try:
         found = mass_loss_slope(control)
-    except ValueError:  # no moisture changed
+    except ValueError:  # the moisture did not change
         return []
     return [
         {
@@ -386,10 +386,10 @@ def _quantiles(draws: Floats) -> dict[str, Floats]:
 
 @dataclass(frozen=True)
 class Files:
-    """Writes the files of a run, each on its own: one that fails is left out.
+    """Writes the files of a run one by one; any that fails is left out.
 
-    Those of an earlier run in the same folder that are not written again are removed, so that all
-    that is there belongs together.
+    Files of an earlier run that are not written again are removed, so that the folder is
+    consistent.
     """
 
     folder: RunFolder
@@ -397,7 +397,7 @@ class Files:
     written: set[str] = field(default_factory=set)
 
     def table(self, name: str, compute: Callable[[], pd.DataFrame | None]) -> pd.DataFrame | None:
-        """Write what is computed as a table; None where it fails, or is nothing."""
+        """Compute and write a table; None if that fails or there is nothing to write."""
         return self.guard.attempt(table_stage(name), self._table, name, compute)
 
     def _table(self, name: str, compute: Callable[[], pd.DataFrame | None]) -> pd.DataFrame | None:
@@ -414,7 +414,7 @@ class Files:
         self.tree(name, lambda: to_datatree(fit.model, fit.chain.thinned(kept), generator))
 
     def tree(self, name: str, compute: Callable[[], xr.DataTree]) -> None:
-        """Write what is computed as a posterior."""
+        """Compute and write a posterior."""
         self.guard.attempt(posterior_stage(name), self._tree, name, compute)
 
     def _tree(self, name: str, compute: Callable[[], xr.DataTree]) -> None:
@@ -431,7 +431,7 @@ class Files:
 
 
 RISK = 0.05
-SHARE = 0.5  # of the largest curvature measured at a level: what is wanted there
+SHARE = 0.5  # wanted curvature, as a share of the largest measured at a level
 DRAWS = 300
 
 
@@ -485,7 +485,7 @@ def decisions(
 
 
 def _probability(specimens: Specimens, degradation: float, pressure: float, checks: int) -> float:
-    """Return the probability of rupture; nan where there is no pressure, or no limit is known."""
+    """Return the probability of rupture; nan without a pressure or a known limit."""
     if not (np.isfinite(pressure) and specimens.model.has_elongation):
         return float("nan")
     burst = respond(specimens, degradation, np.array([pressure])).burst.mean(axis=0)
@@ -495,7 +495,7 @@ def _probability(specimens: Specimens, degradation: float, pressure: float, chec
 def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
     """Return each level of degradation [%] and half of its largest curvature [1/m].
 
-    Levels at which nothing bent are left out.
+    Levels without bending are left out.
     """
     centres, member = levels(data.degradation[:, 0])
     largest = np.where(data.mask, data.curvature, 0.0).max(axis=1)
@@ -507,11 +507,13 @@ def _wanted(data: ActuatorCurves) -> list[tuple[float, float]]:
 
 
 LIFE_DRAWS = 80
-DUTY_SHARE = 0.5  # of the largest pressure, and of the fresh curvature there: what is kept up
+DUTY_SHARE = (
+    0.5  # duty of the default life: share of the largest pressure, and of the fresh curvature there
+)
 
 
 def life(found: "TableSources") -> pd.DataFrame | None:
-    """Return the life in the soil of what keeps half of its fresh curvature at half the pressure.
+    """Return the life in the soil for half of the fresh curvature at half the pressure.
 
     None without actuators, or without the course of degradation.
     """
@@ -539,7 +541,7 @@ def life(found: "TableSources") -> pd.DataFrame | None:
 
 @dataclass
 class TableSources:
-    """What the tables of a run are made of.
+    """The data for the tables of a run.
 
     Parameters
     ----------
@@ -563,31 +565,31 @@ class TableSources:
 
     @cached_property
     def readings(self) -> dict[str, CurvatureFit]:
-        """Predictions at the readings of curvature by model; empty where they failed."""
+        """Predictions at the curvature readings by model; empty if they failed."""
         fits = self.results.fits
         found = self.guard.attempt(OptionalStage.READINGS, _predicted, fits, self.generator)
         return found or {}
 
     @property
     def soil(self) -> Soil | None:
-        """The course of degradation in the soil; None where no moisture of films tells it."""
+        """The course of degradation in the soil; None without film moisture."""
         course = self.results.course
         kept = EFFORTS[self.study.settings.effort].kept
         return self.known_soil if course is None else course.soil(kept)
 
     @property
     def judgement(self) -> Judgement | None:
-        """None where nothing was judged."""
+        """The judgement; None if nothing was judged."""
         return self.results.judgement
 
     @cached_property
     def pictures(self) -> tuple[Picture, ...]:
-        """Cuts of photographs that the report shows."""
+        """Crops of photographs for the report."""
         return pictures_of(self.study)
 
     @property
     def has_actuators(self) -> bool:
-        """Whether curvature was read."""
+        """Whether there are curvature readings."""
         return self.results.base.model.actuator is not None
 
     @property
@@ -599,7 +601,7 @@ class TableSources:
         return {"base": base} if base is final else {"base": base, "final": final}
 
     def residual(self) -> Floats | None:
-        """Return the residuals of the base model [1/m]; None where they are not known."""
+        """Return the residuals of the base model [1/m]; None if unknown."""
         data = self.results.base.model.actuator
         if data is None or not self.readings:
             return None
@@ -668,7 +670,7 @@ def write_posteriors(
 
 
 def _write_what_checks_say(files: Files, found: TableSources) -> None:
-    """Write what checks and films say of themselves, with the draws of the course."""
+    """Write the tables of checks and films, with the draws of the course."""
     results, generator = found.results, found.generator
     of_checks = {} if results.checks is None else results.checks.tables()
     of_films = {} if results.films is None else results.films.tables(generator)
@@ -703,7 +705,7 @@ def _discrepancies(steps: Mapping[str, Step]) -> pd.DataFrame | None:
 
 
 def _loo_pit(found: TableSources) -> pd.DataFrame | None:
-    """Return the fit to held-out readings; None where too few of them could be predicted."""
+    """Return the fit to held-out readings; None if too few could be predicted."""
     judgement = found.judgement
     if judgement is None or not judgement.held_out:
         return None
@@ -719,7 +721,7 @@ def _loo_pit(found: TableSources) -> pd.DataFrame | None:
 
 
 def loo_pit_table(found: Mapping[str, LooPit]) -> pd.DataFrame:
-    """Return how held-out readings lie in the predictions of each model: ``loo_pit.csv``."""
+    """Return the PIT of held-out readings under each model: ``loo_pit.csv``."""
     table = gain.frame(found)
     return table.assign(sentence=table["model"].map({n: worded(one) for n, one in found.items()}))
 
@@ -778,16 +780,16 @@ def _rupture_table(found: TableSources) -> pd.DataFrame | None:
 
 
 CRITERIA_DRAWS = 200
-CRITERIA_PRESSURES = 4  # in equal steps up to the largest that was tested
+CRITERIA_PRESSURES = 4  # number of equal steps up to the largest tested pressure
 
 
 def _criteria_table(found: TableSources) -> pd.DataFrame | None:
-    """Return the probability of rupture by each criterion, at the posterior of the one chosen."""
+    """Return the probability of rupture by each criterion, with the posterior of the chosen one."""
     fit = found.results.final
     if fit.model.actuator is None or not fit.model.has_elongation:
         return None
     pressure = np.linspace(0.0, _largest_pressure(found), CRITERIA_PRESSURES + 1)[1:]
-    seed = int(found.generator.integers(2**32))  # the same draws by each
+    seed = int(found.generator.integers(2**32))  # the same draws for each
     frames = [
         rupture_table(
             fit.model.with_world(criterion=criterion),
@@ -804,14 +806,14 @@ def _criteria_table(found: TableSources) -> pd.DataFrame | None:
 
 
 HIGHER = 4.0
-"""Largest pressure at which rupture is asked for, over the largest that was tested: walls of stiff
-material are nowhere near their limit below."""
-STEP = 10.0  # kPa, between pressures of tables, at most
-STEPS = 10  # to the largest pressure that was tested, at least
+"""Largest pressure for rupture predictions, over the largest that was tested: walls of stiff
+material are far from their limit below that."""
+STEP = 10.0  # kPa, largest step between pressures of tables
+STEPS = 10  # least number of steps to the largest tested pressure
 
 
 def _where_known(table: pd.DataFrame, tested: float) -> pd.DataFrame:
-    """Leave out what lies beyond both the tests and the range of the forward map."""
+    """Drop pressures beyond both the tests and the range of the forward map."""
     kept = (table["pressure_kPa"] <= tested + 1e-9) | table["probability"].notna()
     return table[kept].reset_index(drop=True)
 
@@ -822,7 +824,7 @@ def _largest_pressure(found: TableSources) -> float:
 
 
 def pressure_grid(tested: float, *, times: float = 1.0) -> Floats:
-    """Return even pressures up to so many times the largest tested, which is one of them [kPa].
+    """Return equidistant pressures up to a multiple of the largest tested, which is included [kPa].
 
     Examples
     --------
@@ -841,7 +843,7 @@ def pressure_grid(tested: float, *, times: float = 1.0) -> Floats:
 def _on_grid(
     found: TableSources, predict: Callable[..., pd.DataFrame], *, times: float = 1.0
 ) -> pd.DataFrame | None:
-    """Return what is predicted of new specimens on a grid of degradation rates and pressures."""
+    """Return predictions for new specimens on a grid of degradation rates and pressures."""
     fit = found.results.final
     if fit.model.actuator is None:
         return None
@@ -851,7 +853,7 @@ def _on_grid(
 
 
 def _shares_table(found: TableSources) -> pd.DataFrame | None:
-    """Return what the variance of predictions is made of."""
+    """Return the shares of the variance of predictions."""
     fit = found.results.final
     if fit.model.actuator is None:
         return None
@@ -880,7 +882,7 @@ def _levels_table(found: TableSources) -> pd.DataFrame | None:
 
 
 def _gain_table(found: TableSources) -> pd.DataFrame | None:
-    """Return how well specimens that took no part are predicted."""
+    """Return the scores of held-out specimens."""
     judgement = found.judgement
     if judgement is None or not judgement.held_out:
         return None
@@ -888,7 +890,7 @@ def _gain_table(found: TableSources) -> pd.DataFrame | None:
 
 
 def _gain_modes_table(found: TableSources) -> pd.DataFrame | None:
-    """Return the same of modes of tension."""
+    """Return the scores of held-out modes of tension."""
     judgement = found.judgement
     if judgement is None or not judgement.held_out:
         return None
@@ -898,7 +900,7 @@ def _gain_modes_table(found: TableSources) -> pd.DataFrame | None:
 
 
 def _gain_levels_table(found: TableSources) -> pd.DataFrame | None:
-    """Return the same of degradation rates."""
+    """Return the scores of held-out degradation rates."""
     judgement = found.judgement
     if judgement is None or not judgement.levels_out:
         return None
@@ -913,7 +915,7 @@ def _null_table(found: TableSources) -> pd.DataFrame | None:
 
 
 def _absorption_table(found: TableSources) -> pd.DataFrame | None:
-    """Return every parameter of the base model against what all else says of it."""
+    """Return every parameter of the base model and its value from all other information."""
     absorbed = None if found.judgement is None else found.judgement.absorbed
     if absorbed is None:
         return None
@@ -948,7 +950,7 @@ def _absorption_row(absorbed: Absorption, one: Displacement) -> dict[str, object
 
 
 def _pushes_table(found: TableSources) -> pd.DataFrame | None:
-    """Return what each cause would do to each parameter that was judged."""
+    """Return how each cause would push each judged parameter."""
     absorbed = None if found.judgement is None else found.judgement.absorbed
     if absorbed is None:
         return None
@@ -968,7 +970,7 @@ def _pushes_table(found: TableSources) -> pd.DataFrame | None:
 
 
 def _suspects_table(found: TableSources) -> pd.DataFrame | None:
-    """Return what does not belong with the rest of the study, or is unlikely by its columns."""
+    """Return outlying data of the study, and data that are unlikely by their columns."""
     if not (found.study.settings.set_aside or found.results.assembly.beyond):
         return None
     rows = [
@@ -990,11 +992,11 @@ def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     return pd.DataFrame(rows) if rows else None
 
 
-FARTHEST = 600.0  # of evidences [nats]: farther than any odds that are a finite number
+FARTHEST = 600.0  # difference of evidences [nats] beyond which odds overflow
 
 
 def _sets_table(found: TableSources) -> pd.DataFrame | None:
-    """Return the sets of causes that may be right, and the choices that the data exclude."""
+    """Return the sets of causes that may be right, and the combinations that the data exclude."""
     stated = None if found.judgement is None else found.judgement.stated
     if stated is None or not stated.members:
         return None
@@ -1016,13 +1018,13 @@ def _sets_table(found: TableSources) -> pd.DataFrame | None:
 def _of_missing(
     make: Callable[[Description], pd.DataFrame | None], found: TableSources
 ) -> pd.DataFrame | None:
-    """Return a table of what the misfit looks like, where no cause accounts for it."""
+    """Return a table describing a misfit that no cause accounts for."""
     known = None if found.judgement is None else found.judgement.missing
     return None if known is None else make(known)
 
 
 def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
-    """Return curvatures at the degradation rates of suspects, and which of them are set aside."""
+    """Return curvatures at the degradation rates of suspects, marking those set aside."""
     assembly = found.results.assembly
     whole, aside = assembly.whole, (*assembly.aside, *assembly.beyond)
     if whole is None or whole.actuator is None or not any(a.table == "actuator" for a in aside):
@@ -1037,7 +1039,7 @@ def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
 
 
 def _traces_table(found: TableSources) -> pd.DataFrame | None:
-    """Return what was traced in each photograph, and why others were refused."""
+    """Return the trace of each photograph, or why it was refused."""
     return trace_rows(found.study.photographs) if found.study.photographs else None
 
 
@@ -1050,7 +1052,7 @@ def _photo_lines_table(found: TableSources) -> pd.DataFrame | None:
     return lines_on(pictures, found.study, readings, groups)
 
 
-#: What makes each table, in the order in which they draw random numbers; None where there is
+#: Functions that build each table, in the order in which they draw random numbers; None if there is
 #: nothing to tell. Those of checks and films are theirs.
 BUILDS: Mapping[str, Build] = {
     columns.CONSTANTS: _constants_table,
@@ -1078,7 +1080,7 @@ BUILDS: Mapping[str, Build] = {
     columns.PUSHES: _pushes_table,
     columns.SETS: _sets_table,
     columns.FITTED: _fitted_table,
-    columns.LIFETIME: lambda found: life(found),  # looked up when it is made
+    columns.LIFETIME: lambda found: life(found),  # looked up when it is built
     columns.SHARES: _shares_table,
     columns.CRITERIA: _criteria_table,
     columns.SUSPECTS: _suspects_table,

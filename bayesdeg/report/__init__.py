@@ -1,1 +1,1 @@
-"""A run folder becomes a page."""
+"""Run folders, and the HTML report built from them."""

@@ -1,7 +1,6 @@
-"""What a run keeps so that it goes on where it was stopped: finished stages, pieces of chains.
+"""Checkpoints of an interrupted run: finished stages and pieces of chains.
 
-Each file appears whole under its name, or not at all: one that is written piece by piece does not
-survive its writer being killed.
+Each file appears whole under its name or not at all, so a killed process leaves no partial file.
 """
 
 import io
@@ -24,8 +23,8 @@ LABELS = ("fingerprint", "key", "digest")
 class ChainPieces:
     """Pieces of one chain in a folder.
 
-    Each file holds ``chain``, ``log_prob``, ``acceptance``, ``refusals`` and the state of the
-    random numbers after it; besides what it follows from, and a hash of all arrays.
+    Each file holds ``chain``, ``log_prob``, ``acceptance``, ``refusals``, the state of the
+    random numbers after it, the key of what it follows from, and a hash of all arrays.
 
     Parameters
     ----------
@@ -42,7 +41,7 @@ class ChainPieces:
     damaged: list[Path] = field(default_factory=list)
 
     def load(self, ensemble: int, number: int, key: str) -> Piece | None:
-        """Return a piece if it is there, whole, and of the task with this key."""
+        """Return a piece if it exists, is whole and belongs to the task with this key."""
         path = self._path(ensemble, number)
         if not path.exists():
             return None
@@ -76,7 +75,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
 
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read what `save_arrays` kept; of what is none, one of `OF_DAMAGED_ARCHIVES` is raised."""
+    """Read arrays of `save_arrays`; a damaged file raises one of `OF_DAMAGED_ARCHIVES`."""
     refuse_special(path)
     with path.open("rb") as content, np.load(content, allow_pickle=False) as stored:
         return {name: stored[name] for name in stored.files}
@@ -86,7 +85,7 @@ class Stages(Protocol):
     """Where the results of finished stages are kept, if anywhere."""
 
     def load(self, name: str) -> dict[str, NDArray[np.float64]] | None:
-        """Return the arrays of a stage; None if they are not there."""
+        """Return the arrays of a stage; None if there are none."""
 
     def save(self, name: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:
         """Keep the arrays of a stage."""
@@ -105,14 +104,14 @@ class Pieces(ChainStore, Protocol):
 
 @dataclass(frozen=True)
 class NoPieces(NoStore):
-    """Keeps no piece of a chain."""
+    """A store that keeps no pieces of a chain."""
 
     damaged: list[Path] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class NoCheckpoints:
-    """Keeps nothing: for calibrations whose result stays in memory."""
+    """A store that keeps nothing, for calibrations whose result stays in memory."""
 
     def load(self, name: str) -> None:
         """Return None."""
@@ -121,7 +120,7 @@ class NoCheckpoints:
         """Do nothing."""
 
     def chain(self, name: str) -> NoPieces:
-        """Return what keeps nothing."""
+        """Return a store that keeps nothing."""
         return NoPieces()
 
 
@@ -134,14 +133,14 @@ class Checkpoints:
     folder : Path
         Where they are kept.
     fingerprint : str
-        Hash of everything that the results depend on; results of another one are not read.
+        Hash of everything that the results depend on; results with a different one are not read.
     """
 
     folder: Path
     fingerprint: str
 
     def load(self, name: str) -> dict[str, NDArray[np.float64]] | None:
-        """Return the arrays of a stage; None if they are not there, of other inputs, or broken."""
+        """Return the arrays of a stage; None if absent, of different inputs or damaged."""
         path = self.folder / f"{name}{ENDING}"
         try:
             arrays = load_arrays(path)

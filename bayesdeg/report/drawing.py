@@ -1,4 +1,4 @@
-"""What all figures share: panels, colours that follow the page, and the way into the page."""
+"""Common parts of all figures: panels, colours that follow the page, and inline SVG."""
 
 import base64
 import io
@@ -26,10 +26,10 @@ from bayesdeg.report.wording import filled, level_words
 
 VIRTUAL = "virtual experiment"
 
-# Colours that stand for a variable of the page's style, so that a figure follows light and dark.
+# Placeholder colours for style variables of the page, so that figures follow light and dark mode.
 INK, MUTED, PAPER = "#010203", "#010204", "#010205"
 BASE_COLOUR, FINAL_COLOUR = "#010206", "#010207"
-#: Of the two models, by their names in the tables.
+#: Colours of the two models, by their names in the tables.
 COLOURS = {BASE: BASE_COLOUR, FINAL: FINAL_COLOUR}
 _LEVEL_COLOURS = tuple(f"#0102{10 + index:02d}" for index in range(8))
 _VARIABLES = {
@@ -85,19 +85,19 @@ type Sharing = Literal["all", "row", "none"]
 
 FULL_WIDTH = 7.6
 HALF_WIDTH = 3.8
-ONE_ROW = 4  # entries of a legend that have room beside one another
+ONE_ROW = 4  # legend entries that fit side by side
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure as it stands in the page.
+    """A figure as it appears in the page.
 
     Parameters
     ----------
     name : str
         Unique within the page.
     svg : str
-        One ``<svg>`` element that refers to nothing outside itself but the page's style.
+        One ``<svg>`` element that refers only to itself and the page's style.
     caption : str
         What is drawn.
     half : bool
@@ -105,7 +105,7 @@ class Drawing:
     files : tuple of str
         The tables of the run folder that are drawn.
     section, title : str
-        Of the page where it stands, and the heading over it.
+        Section of the page, and the heading above the figure.
     """
 
     name: str
@@ -119,7 +119,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Shown:
-    """What figures are drawn from.
+    """The data that figures are drawn from.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class Shown:
     posterior : callable, optional
         Returns the draws of a posterior of the run folder by its name; None if there are none.
     pictures : mapping of str to bytes
-        Cuts of photographs by their names in the run folder.
+        Crops of photographs by their names in the run folder.
     """
 
     verdict: VerdictRecord
@@ -143,9 +143,9 @@ class Shown:
 
 @dataclass(frozen=True)
 class Sketch:
-    """A figure before it is written for the page, and the facts of which its caption speaks.
+    """A figure before it is converted for the page, and the facts for its caption.
 
-    One that matplotlib does not draw is an ``<svg>`` element.
+    A figure not drawn by matplotlib is an ``<svg>`` element.
     """
 
     figure: Figure | str
@@ -161,7 +161,7 @@ class PageFigure:
     name : str
         Unique within the page.
     section : str
-        Of the page; where its template does not place the figure, it stands at the end.
+        Section of the page; a figure that the template does not place goes to its end.
     draw : callable
         Draws it; None where the run has no data for it.
     caption : str
@@ -172,7 +172,7 @@ class PageFigure:
     half : bool
         Whether two of its kind fit side by side.
     title : str
-        Heading over it, where the section's template does not place it.
+        Heading above it, if the template does not place it.
     """
 
     name: str
@@ -184,7 +184,7 @@ class PageFigure:
     title: str = ""
 
     def drawing(self, shown: Shown) -> Drawing | None:
-        """Return the figure as it stands in the page; None where the run has no data for it."""
+        """Return the figure as it appears in the page; None if the run has no data for it."""
         sketch = self.draw(shown)
         if sketch is None:
             return None
@@ -197,12 +197,12 @@ class PageFigure:
 
 
 def rate_title(rate: float, *, degrades: bool) -> str:
-    """Return what stands over a panel of one degradation rate: nothing where none degrades."""
+    """Return the title of a panel of one degradation rate; empty if nothing degrades."""
     return f"{level_words(rate)} degradation" if degrades else ""
 
 
 def label_rates(figure: Figure, every_axes: Sequence[Axes], *, degrades: bool) -> None:
-    """Label horizontal axes of degradation rates; where none degrades, all is at one place."""
+    """Label horizontal axes of degradation rates; without degradation there is one position."""
     if degrades:
         figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
         return
@@ -211,9 +211,9 @@ def label_rates(figure: Figure, every_axes: Sequence[Axes], *, degrades: bool) -
 
 
 def level_colour(index: int, levels: int) -> str:
-    """Return the colour of a degradation rate: from dark to bright with increasing rate.
+    """Return the colour of a degradation rate, brighter for higher rates.
 
-    The page's style defines them: viridis, cut where its contrast with the page falls below 3:1.
+    The page's style defines them: viridis, truncated where its contrast with the page is below 3:1.
     """
     last = len(_LEVEL_COLOURS) - 1
     return _LEVEL_COLOURS[round(index * last / max(levels - 1, 1))]
@@ -228,9 +228,9 @@ def panels(
     Parameters
     ----------
     number : int
-        How many panels.
+        Number of panels.
     columns : int
-        At most so many in a row.
+        Largest number in a row.
     share_y : {"all", "row", "none"}
         Which of them share the vertical axis too.
     height : float
@@ -239,7 +239,7 @@ def panels(
     Returns
     -------
     Figure, list of Axes
-        The axes row by row; places that are left over are empty.
+        The axes row by row; unused places are empty.
     """
     columns = min(columns, number)
     rows = -(-number // columns)
@@ -263,7 +263,7 @@ def single(*, width: float = HALF_WIDTH, height: float = 2.7) -> tuple[Figure, A
 
 @styled
 def side_by_side(*, height: float) -> tuple[Figure, Axes, Axes]:
-    """Lay out two panels that share nothing, in one row of this height [in]."""
+    """Lay out two independent panels in one row of this height [in]."""
     figure = Figure(figsize=(FULL_WIDTH, height), layout="constrained")
     left, right = figure.subplots(1, 2)
     return figure, left, right
@@ -308,7 +308,7 @@ def band(axes: Axes, x: object, lower: object, upper: object, colour: str, alpha
 
 
 def intervals(axes: Axes, at: float, row: pd.Series, colour: str) -> None:
-    """Draw a median as a point with its 50 % (thick) and 90 % interval, where a band has no width.
+    """Draw a median as a point with its 50 % (thick) and 90 % intervals, in place of a band.
 
     Parameters
     ----------
@@ -367,11 +367,11 @@ def inline_svg(figure: Figure | str, name: str, *, description: str, virtual: bo
     Parameters
     ----------
     figure : Figure or str
-        What is drawn; an ``<svg>`` element is kept as it is, but for its label.
+        The figure; an ``<svg>`` element is kept except for its label.
     name : str
         Unique within the page; every id of the element begins with it.
     description : str
-        What a reader who cannot see the figure is told.
+        Text for readers who cannot see the figure.
     virtual : bool
         Whether the words "virtual experiment" are written across it.
 
@@ -413,15 +413,15 @@ _STAMP = (
     "</text>"
 )
 
-#: Digits after the point of a place [px], and colours of a picture, that an eye can tell apart.
+#: Decimals of a position [px], and colours of a picture, that the eye can tell apart.
 _DIGITS, _COLOURS = 2, 128
 
 
 def compact(svg: str) -> str:
-    """Return the same drawing in about half the room: what no eye sees is left out.
+    """Return the same drawing at about half the size, without invisible detail.
 
-    Places are rounded to hundredths of a pixel, a style that all marks of a group have stands at
-    the group, ids that nothing refers to go, and pictures keep 128 colours.
+    Positions are rounded to hundredths of a pixel, a style shared by all marks of a group moves to
+    the group, unused ids are removed, and pictures keep 128 colours.
 
     Examples
     --------

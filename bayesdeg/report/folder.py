@@ -1,7 +1,7 @@
-"""The run folder: the one place that knows its file names, and how they are read and written.
+"""The run folder: its file names, and how its files are read and written.
 
-Every file is written beside its place and then renamed, so an interrupted run leaves the old file
-or the new one, never half of one. The columns of the tables stand in `bayesdeg.report.tables`.
+Every file is written under a temporary name and then renamed, so an interrupted run leaves the old
+file or the new one, never half of one. `bayesdeg.report.tables` lists the columns of the tables.
 """
 
 import hashlib
@@ -50,17 +50,17 @@ POSTERIOR_COURSE: Final = "posterior_course"
 POSTERIOR_AVERAGED: Final = "posterior_averaged"
 """Over causes that cannot be told apart, see `bayesdeg.pipeline.averaged`."""
 
-#: Documents kept as JSON and posteriors kept as netCDF, by name.
+#: Names of the JSON documents and of the netCDF posteriors.
 DOCUMENTS: Final = (VERDICT, RUN)
-#: Cuts of photographs, of which a run writes as many as it shows.
+#: Crops of photographs, as many as the report shows.
 PICTURES: Final = tuple(f"photograph_{number}.jpg" for number in range(1, 7))
 POSTERIORS: Final = (POSTERIOR, POSTERIOR_BASE, POSTERIOR_COURSE, POSTERIOR_AVERAGED)
 
-#: Of a posterior, with its likelihoods by reading; those of 400 readings take some 30 [MB].
+#: Largest posterior file, with pointwise likelihoods; 400 readings take some 30 [MB].
 MOST_ARRAYS_MB: Final = 1000.0
-PICTURE_MB: Final = 2.0  # a cut that a run writes has 0.05
+PICTURE_MB: Final = 2.0  # a crop written by a run has 0.05
 
-#: All files of fixed name that a run writes.
+#: All files with fixed names that a run writes.
 RUN_FILES: Final = (
     *(INDEX, LEFT_OUT, ADDED, EMULATOR, *PICTURES),
     *(f"{name}.json" for name in DOCUMENTS),
@@ -92,10 +92,10 @@ class RunFolder:
     path: Path
 
     def write_table(self, name: str, frame: pd.DataFrame) -> None:
-        """Write a table, its columns in the documented order and any others after them.
+        """Write a table, documented columns first and in their order.
 
-        What is not finite is left empty where a finite number belongs, and a text that a
-        spreadsheet would take for a formula gets a quote before it.
+        Non-finite values of columns that must be finite are left empty; a text that a
+        spreadsheet would take for a formula gets a leading quote.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class RunFolder:
         return Tables({name: frame for name, frame in frames.items() if frame is not None})
 
     def write(self, record: VerdictRecord | RunRecord) -> None:
-        """Write the verdict, or what is recorded of the run itself."""
+        """Write the verdict or the run record."""
         name = VERDICT if isinstance(record, VerdictRecord) else RUN
         write_text(self.path / f"{name}.json", record.text())
 
@@ -215,7 +215,7 @@ class RunFolder:
         return self._read(VERDICT, VerdictRecord)
 
     def read_run(self) -> RunRecord:
-        """Read and check what is recorded of the run itself.
+        """Read and check the run record.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class RunFolder:
             with xr.open_datatree(path, engine="h5netcdf") as tree:
                 loaded = tree.load()
             for group in loaded.children.values():
-                group.to_dataset()  # sizes that do not go together are found here
+                group.to_dataset()  # inconsistent sizes are found here
             return loaded
 
         return self._read_netcdf(name, read)
@@ -273,7 +273,7 @@ class RunFolder:
         return self._read_netcdf(name, read)
 
     def _read_netcdf[T](self, name: str, read: Callable[[Path], T]) -> T:
-        """Read one of `POSTERIORS`; whatever a library says against the file, it is damaged."""
+        """Read one of `POSTERIORS`; any error of a library means that the file is damaged."""
         file = f"{_known(name, POSTERIORS)}.nc"
         if not (self.path / file).exists():
             raise self._incomplete(file)
@@ -287,16 +287,16 @@ class RunFolder:
             return read(self.path / file)
         except MemoryError:
             raise
-        except Exception as fault:  # of a damaged file the libraries raise what they like
+        except Exception as fault:  # for a damaged file the libraries may raise anything
             raise self._corrupted(file, str(fault)) from fault
 
     def posterior_hashes(self) -> dict[str, str]:
-        """Return the hash of each posterior that is there, by file: for ``run.json``."""
+        """Return the hash of each existing posterior by file, for ``run.json``."""
         files = (f"{name}.nc" for name in POSTERIORS)
         return {file: self._hash(file) for file in files if (self.path / file).exists()}
 
     def _refuse_other(self, file: str) -> None:
-        """Refuse a posterior that is not the one of which ``run.json`` has the hash."""
+        """Refuse a posterior whose hash is not the one in ``run.json``."""
         if not (self.path / f"{RUN}.json").exists():
             return
         known = self.read_run().posteriors.get(file)
@@ -312,18 +312,18 @@ class RunFolder:
         (self.path / file).unlink(missing_ok=True)
 
     def write_emulator(self, content: bytes | None) -> None:
-        """Write the emulator of the run; remove that of an earlier run if it has none."""
+        """Write the emulator of the run; without one, remove that of an earlier run."""
         if content is None:
             self.remove(EMULATOR)
         else:
             write_bytes(self.path / EMULATOR, content)
 
     def write_picture(self, name: str, content: bytes) -> None:
-        """Write a cut of a photograph, one of `PICTURES`."""
+        """Write a crop of a photograph, one of `PICTURES`."""
         write_bytes(self.path / _known(name, PICTURES), content)
 
     def read_pictures(self) -> dict[str, bytes]:
-        """Return the cuts of photographs that are there, by name."""
+        """Return the existing crops of photographs by name."""
         there = (name for name in PICTURES if (self.path / name).is_file())
         try:
             return {name: read_bytes(self.path / name, most_mb=PICTURE_MB) for name in there}
@@ -331,7 +331,7 @@ class RunFolder:
             raise self._corrupted("photograph", reason(fault)) from fault
 
     def write_left_out(self, text: str) -> None:
-        """Write the tracebacks of what was left out; remove those of an earlier run if none."""
+        """Write the tracebacks of failed stages; without any, remove those of an earlier run."""
         if text:
             write_text(self.path / LEFT_OUT, text)
         else:
@@ -385,7 +385,7 @@ def _problem(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
 
 
 def _finite(columns: Sequence[Column], frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table without what is no finite number where one belongs."""
+    """Return a table with non-finite values of finite columns removed."""
     numbers = [column for column in columns if column.kind is CellKind.NUMBER and column.finite]
     return frame.assign(
         **{
@@ -396,13 +396,13 @@ def _finite(columns: Sequence[Column], frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _texts(frame: pd.DataFrame, change: Callable[[object], object]) -> pd.DataFrame:
-    """Return a table with every cell changed of the columns that are no numbers."""
+    """Return a table with every cell of its non-numeric columns changed."""
     names = [n for n in frame.columns if not pd.api.types.is_numeric_dtype(frame[n])]
     return frame.assign(**{str(name): frame[name].map(change) for name in names})
 
 
 def _unbounded(columns: Sequence[Column], frame: pd.DataFrame) -> str | None:
-    """Say which cell holds a number that no run can have found."""
+    """Say which cell holds a number that no run can have written."""
     for column in columns:
         if column.kind is CellKind.TEXT:
             continue

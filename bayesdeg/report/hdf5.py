@@ -24,14 +24,14 @@ def refuse_unsound(path: Path, digest: str, *, most_mb: float) -> None:
     path : Path
         The file.
     digest : str
-        Hash of its content: the same content is looked at once.
+        Hash of its content: the same content is checked only once.
     most_mb : float
         Size up to which arrays are accepted [MB]; a file of a few kB may promise any.
 
     Raises
     ------
     ValueError
-        If it is no HDF5 file, is damaged, or has arrays of more than that.
+        If it is not an HDF5 file, is damaged, or has larger arrays.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def refuse_unsound(path: Path, digest: str, *, most_mb: float) -> None:
 
 @cache
 def _fault(path: Path, _digest: str, most_mb: float) -> str:
-    """Return what is wrong with a file; nothing if another process read it to its end."""
+    """Return what is wrong with a file; empty if another process read it to its end."""
     try:
         asked(__file__, path, most_mb, library="the HDF5 library")
     except ValueError as fault:
@@ -61,7 +61,7 @@ def _fault(path: Path, _digest: str, most_mb: float) -> str:
 
 
 def _look_through(path: str, most_mb: float) -> bytes:
-    """Read every attribute and every array of a file, after the sizes of all."""
+    """Check the sizes of all arrays of a file, then read every attribute and array."""
     with h5py.File(path, "r") as file:
         nodes: list[h5py.Group | h5py.Dataset] = [file]
         file.visititems(lambda _name, node: nodes.append(node))

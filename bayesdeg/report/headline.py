@@ -1,6 +1,6 @@
-"""The verdict in plain words: one sentence, two that say why, and three numbers.
+"""The headline of a report: the verdict in one sentence, two reasons and three numbers.
 
-The sentences are in ``templates/headline.j2``; here are the facts of which they speak.
+The sentences are in ``templates/headline.j2``; this module prepares their facts.
 """
 
 import re
@@ -33,12 +33,12 @@ BADGES = {
     Outcome.UNEXPLAINED: "Unexplained",
     Outcome.NOT_JUDGED: "Not judged",
 }
-SURE = 0.99999  # which is worded as more than 99.9 %
+SURE = 0.99999  # displayed as more than 99.9 %
 
 
 @dataclass(frozen=True)
 class KeyNumber:
-    """One of the numbers that stand beside the verdict."""
+    """One of the key numbers below the verdict."""
 
     label: str
     value: str
@@ -47,7 +47,7 @@ class KeyNumber:
 
 @dataclass(frozen=True)
 class Headline:
-    """What a reader in a hurry takes away.
+    """The verdict at a glance.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ class Headline:
     sentence : str
         The outcome in one sentence.
     numbers : tuple of KeyNumber
-        Misfit beside noise, how sure, what was gained.
+        Misfit and noise, how sure, and the gain.
     lede : tuple of str
-        What is wrong, and what was made of it: a sentence each.
+        What is wrong, and how it was resolved: a sentence each.
     """
 
     badge: str
@@ -97,7 +97,7 @@ def headline_of(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Headline:
 
 
 def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, object]:
-    """Return what the templates speak of."""
+    """Return the facts for the templates."""
     found = [verdict.candidate(cause) for cause in verdict.causes]
     fractions = [one.explained_fraction for one in found if one]
     return {
@@ -121,7 +121,7 @@ def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, ob
 
 
 def _beside(verdict: VerdictRecord) -> tuple[tuple[str, ...], ...]:
-    """Return lists of which one cause acts on the readings beside the named ones."""
+    """Return lists from each of which one cause acts besides the named ones."""
     of_counts = {name for one in verdict.rupture_counts for name in one.explained_by}
     return tuple(names for names in verdict.sets if len(names) > 1 and not of_counts & {*names})
 
@@ -141,7 +141,7 @@ def sets_of(verdict: VerdictRecord) -> str:
 
 
 def counts_of(verdict: VerdictRecord) -> tuple[str, ...]:
-    """Return what counts of ruptures say that contradict the model, and what explains them."""
+    """Return the rupture counts that contradict the model, and their explanation."""
     return tuple(
         sentences("headline", "counted", one=one, first=re.split(r"\. ", one.sentence)[0])
         for one in verdict.rupture_counts
@@ -150,16 +150,16 @@ def counts_of(verdict: VerdictRecord) -> tuple[str, ...]:
 
 
 def _by_counts(verdict: VerdictRecord) -> bool:
-    """Return whether counts of ruptures alone speak against the model."""
+    """Return whether only rupture counts contradict the model."""
     found = [one for one in verdict.rupture_counts if one.contradicted]
     named = {name for one in found for name in one.explained_by}
     return bool(found) and _readings_agree(verdict) and set(verdict.causes) <= named
 
 
 def _by_ruptures(verdict: VerdictRecord) -> bool:
-    """Return whether the study's own ruptures alone speak for the causes, which act on no reading.
+    """Return whether only the study's own ruptures support the causes, which act on no reading.
 
-    What such a cause explains of the misfit of readings, and how it predicts them, says nothing.
+    How much of the misfit of readings such a cause explains is then irrelevant.
     """
     silent = all(
         name in CATALOGUE and CATALOGUE[name].is_of_rupture_alone for name in verdict.causes
@@ -227,7 +227,7 @@ def _certainty(verdict: VerdictRecord, facts: Mapping[str, object]) -> KeyNumber
 
 
 def _less_than_sure(probability: float | None) -> float | None:
-    """Return a probability that is short of 1, however it was rounded."""
+    """Return a probability below 1, however it was rounded."""
     return None if probability is None else min(probability, SURE)
 
 
@@ -284,13 +284,13 @@ def size_of(verdict: VerdictRecord, cause: str, *, interval: bool) -> str:
 
 
 def fits_off_priors(verdict: VerdictRecord) -> bool:
-    """Return whether the readings alone agree with a model that takes values off their priors."""
+    """Return whether the readings fit only with parameter values far outside their priors."""
     p_value = verdict.misfit.p_value
     return bool(verdict.parameters_in_question) and p_value is not None and p_value > MISFIT_LEVEL
 
 
 def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
-    """Return what speaks against taking a verdict as it is: one sentence each.
+    """Return the reasons to doubt a verdict, one sentence each.
 
     Examples
     --------
@@ -298,7 +298,7 @@ def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     >>> question = {"parameter": "volume_ratio", "meaning": "α", "unit": "–", "median": 0.976,
     ...             "prior_low": 0.39, "prior_high": 0.85}
     >>> doubts_of(VerdictRecord.read({"outcome": "adequate", "parameters_in_question": [question]}))
-    ('Volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies within 0.390 to 0.850.',)
+    ('Volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies between 0.390 and 0.850.',)
     """
     suspects = (one.why for one in verdict.suspects)
     asked = verdict.parameters_in_question
@@ -311,7 +311,7 @@ def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
 
 
 def forward_map_words(one: ForwardMapEntry) -> tuple[str, ...]:
-    """Say where a forward map of the user's has no answer, and what noise it has of its own.
+    """Say where a user's forward map fails, and how noisy it is.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Stages that a run can do without: what fails is left out and said, and the run goes on."""
+"""Optional stages of a run: one that fails is left out and reported, and the run goes on."""
 
 import os
 import traceback
@@ -12,15 +12,15 @@ from bayesdeg.report.record import LeftOutEntry
 from bayesdeg.report.wording import sentences
 
 STRICT: Final = "BAYESDEG_STRICT"
-"""Environment variable; where it is 1 nothing is left out: the first fault ends the run."""
+"""Environment variable; if it is 1, nothing is left out and the first fault ends the run."""
 
-_PASSED_ON = (StudyError, ResumableError)  # the user's to mend, or to be resumed
+_PASSED_ON = (StudyError, ResumableError)  # for the user to correct, or to be resumed
 
 
 class OptionalStage(StrEnum):
-    """Stages that compute what is more than one table or figure."""
+    """Stages whose result is more than one table or figure."""
 
-    SUSPECTS = "specimens and readings that do not belong with the rest"
+    SUSPECTS = "outlying specimens and readings"
     WITH_SUSPECTS = "verdict with the suspects"
     VERDICT = "verdict"
     CALIBRATION = "misfit against chance"
@@ -28,8 +28,8 @@ class OptionalStage(StrEnum):
     RUPTURE_COUNTS = "counts of ruptures against the model"
     CONFLICT = "measured means and priors against the base model"
     HELD_OUT = "held-out specimens"
-    STRUCTURE = "structure that the causes leave"
-    MISSING_TERMS = "terms that the misfit asks for"
+    STRUCTURE = "structure left by the causes"
+    MISSING_TERMS = "terms that would remove the misfit"
     SETS = "sets of causes that may be right"
     SHARED_SCATTER = "scatter shared by a degradation rate"
     CONFUSABILITY = "causes that this design could confuse"
@@ -38,7 +38,7 @@ class OptionalStage(StrEnum):
     EXPERIMENTS = "next experiments"
     EXTENDED = "calibration with the cause"
     PRIOR_SENSITIVITY = "sensitivity to priors"
-    PRIOR_PREDICTIVE = "predictions of the priors alone"
+    PRIOR_PREDICTIVE = "prior predictions"
     LEAVE_ONE_OUT = "specimens left out in turn"
     COURSE = "course of degradation"
     ORDERS = "order of the polynomials"
@@ -47,8 +47,8 @@ class OptionalStage(StrEnum):
     DEFORMED = "deformed actuator"
     PHOTOGRAPHS = "photographs with lines"
     HELD_OUT_MODES = "held-out modes of tension"
-    WHERE = "where the misfit sits"
-    CONCENTRATION = "specimens and branches in which the misfit sits"
+    WHERE = "where the misfit lies"
+    CONCENTRATION = "specimens and branches with most of the misfit"
     EXPLANATION = "explanation in words"
     COMPARISONS = "published values against the posterior"
     REFUSED = "inputs that the emulator refuses"
@@ -59,14 +59,14 @@ class OptionalStage(StrEnum):
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A stage without which a run went on.
+    """A failed stage that a run did without.
 
     Parameters
     ----------
     stage : str
         A member of `OptionalStage`, or a table, posterior or figure by name.
     why : str
-        What it costs, and what happened.
+        What is lost, and what happened.
     trace : str
         The traceback; empty where nothing was raised.
     """
@@ -82,7 +82,7 @@ class LeftOut:
 
 
 class Guard:
-    """Runs the stages that a run can do without, and keeps what had to be left out.
+    """Runs optional stages and records those that had to be left out.
 
     Parameters
     ----------
@@ -104,9 +104,9 @@ class Guard:
     def attempt[T, **P](
         self, stage: str, compute: Callable[P, T], *args: P.args, **kwargs: P.kwargs
     ) -> T | None:
-        """Return what a stage computes; None where it fails, which is kept.
+        """Return the result of a stage; None if it fails, which is recorded.
 
-        Faults of the user's input and what can be resumed are passed on, as are interrupts.
+        Faults of the input, resumable errors and interrupts are passed on.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class Guard:
             return None
 
     def note(self, stage: str, why: str, trace: str = "") -> None:
-        """Keep that a stage was left out; of several reasons for one stage the first."""
+        """Record that a stage was left out, with the first reason given for it."""
         if stage not in self.stages:
             self.left_out.append(LeftOut(stage, why, trace))
 

@@ -1,4 +1,4 @@
-"""A run folder becomes one self-contained page; nothing is computed anew."""
+"""Build one self-contained HTML page from a run folder, without recomputing anything."""
 
 import base64
 import hashlib
@@ -48,7 +48,7 @@ def _discover() -> dict[str, PageFigure]:
     return {figure.name: figure for module in modules for figure in module.FIGURES}
 
 
-#: Every figure by its name in the page: those that modules of `bayesdeg.report.figures` list.
+#: Every figure listed by the modules of `bayesdeg.report.figures`, by its name in the page.
 FIGURES: dict[str, PageFigure] = _discover()
 
 
@@ -123,7 +123,7 @@ def build_page(folder: Path, guard: Guard | None = None) -> Path:
     folder : pathlib.Path
         A run folder that holds at least ``verdict.json`` and ``run.json``.
     guard : Guard, optional
-        Leaves out figures that fail; by default a new one, which is silent but for the page.
+        Leaves out figures that fail; by default a new one, which reports them only in the page.
 
     Returns
     -------
@@ -186,20 +186,20 @@ def content_of(shown: Shown, guard: Guard | None = None) -> Content:
 
 
 def _updated(run: RunRecord) -> str:
-    """Say which readings entered after the run; nothing if none did."""
+    """Say which readings were added after the run; empty if none were."""
     if run.update is None:
         return ""
     return wording.sentences("run", "updated", update=run.update, degrades=run.degrades)
 
 
 def _before_update(run: RunRecord) -> frozenset[str]:
-    """Return the files that are of the run before, and that readings since could have changed."""
+    """Return the files from before the update that the new readings could have changed."""
     kept = () if run.update is None else run.update.as_before
     return frozenset(kept) - {TABLES[name].file for name in NOT_OF_ACTUATORS}
 
 
 def _left_out(verdict: VerdictRecord, guard: Guard) -> tuple[tuple[str, str], ...]:
-    """Return what the run left out, and the figures that failed now instead of those then."""
+    """Return what the run left out, with the figures that fail now, not those that failed then."""
     of_page = (FIGURE, OptionalStage.PAGE)
     stages = [(o.stage, o.why) for o in verdict.left_out if not o.stage.startswith(of_page)]
     figures = [(o.stage, o.why) for o in guard.left_out if o.stage.startswith(FIGURE)]
@@ -207,7 +207,7 @@ def _left_out(verdict: VerdictRecord, guard: Guard) -> tuple[tuple[str, str], ..
 
 
 def lookalikes(verdict: VerdictRecord) -> list[str]:
-    """Return causes that a study of this design could take for one that is named."""
+    """Return causes that a study of this design could mistake for a named one."""
     near = (set(pair) for pair in verdict.confusable if set(pair) & set(verdict.causes))
     return sorted(set().union(*near) - set(verdict.causes))
 

@@ -1,4 +1,4 @@
-"""What ``verdict.json`` and ``run.json`` hold: the records that write, check and read them."""
+"""Records that write, check and read ``verdict.json`` and ``run.json``."""
 
 from collections.abc import Mapping
 from operator import not_
@@ -37,7 +37,7 @@ class EffectEntry(Record):
 
 
 class CandidateEntry(Record):
-    """One cause that was tried, or that could not be: then `probability` is None, `why` says so."""
+    """One candidate cause; if it could not be judged, `probability` is None and `why` says why."""
 
     cause: Text = ""
     probability: Number = Field(default=None, description="null if the cause cannot be judged")
@@ -45,20 +45,20 @@ class CandidateEntry(Record):
     log_bayes_factor_error: Number = Field(default=None, description="Monte Carlo error [nats]")
     elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
     elpd_diff_se: Number = None
-    explained_fraction: Number = Field(default=None, description="of what there is to explain")
+    explained_fraction: Number = Field(default=None, description="of the misfit beyond chance")
     effect: Mapping[str, EffectEntry] = Field(default={}, description="by parameter of the cause")
     mechanism: Text = ""
     naming_p_value: Number = Field(
         default=None,
         exclude_if=is_absent,
-        description="share of data simulated without the cause that favour the best as much",
+        description="share of data simulated without the cause that favour the best cause as much",
     )
     why: Text = Field(default="", exclude_if=is_absent, description="why it cannot be judged")
     judged_by: Text = Field(default="", exclude_if=is_absent, description="full fit or screening")
 
 
 class ConcentrationEntry(Record):
-    """The branch, cycle, hold or few specimens in which most of a misfit sits."""
+    """The branch, cycle, hold or few specimens with most of the misfit."""
 
     kind: Text = ""
     members: Names = ()
@@ -69,7 +69,7 @@ class ConcentrationEntry(Record):
 
 
 class MisfitEntry(Record):
-    """How far the base model is off, beside the noise; None where there is nothing to judge."""
+    """Misfit of the base model and the noise; None where there is nothing to judge."""
 
     rms_per_m: Number = Field(default=None, description="of curvature [1/m]")
     noise_per_m: Number = Field(default=None, description="of curvature [1/m]")
@@ -85,12 +85,16 @@ class MisfitEntry(Record):
     )
     rms: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
     noise: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
-    kind: Text = Field(default="", exclude_if=is_absent, description="what else was read")
+    kind: Text = Field(
+        default="",
+        exclude_if=is_absent,
+        description="kind of reading, if neither curvature nor stress",
+    )
     unit: Text = Field(default="", exclude_if=is_absent, description="of `kind`")
 
     @property
     def sizes(self) -> tuple[float | None, float | None, str, str]:
-        """Misfit and noise of what was read first, its unit, and what it is."""
+        """Misfit and noise of the first kind of reading, its unit and its name."""
         if self.rms_per_m is not None:
             return self.rms_per_m, self.noise_per_m, "1/m", "curvature"
         if self.kind:
@@ -99,20 +103,20 @@ class MisfitEntry(Record):
 
     @property
     def specimens(self) -> tuple[str, ...]:
-        """Those few in which most of the misfit sits, if it does."""
+        """The few specimens with most of the misfit, if any."""
         found = self.concentrated
         return () if found is None or found.kind != "specimen" else found.members
 
 
 class PairEntry(Record):
-    """What an experiment is expected to tell of two causes."""
+    """How well an experiment is expected to separate two causes."""
 
     causes: Names = ()
     expected_log_bayes_factor: Number = None
 
 
 class ExperimentEntry(Record):
-    """A further experiment, the causes it would tell apart, and what it costs."""
+    """A proposed experiment, the causes it would separate, and its cost."""
 
     design: Text = ""
     separates: Names = ()
@@ -127,14 +131,14 @@ class ExperimentEntry(Record):
 
 
 class NamingEntry(Record):
-    """The log Bayes factor that naming takes, and the simulated data that say so."""
+    """The log Bayes factor required for naming, and the simulated data behind it."""
 
     log_bayes_factor: Number = None
     replicates: Number = None
 
 
 class RuptureEntry(Record):
-    """Ruptures against what the base model expects."""
+    """Observed ruptures and the number that the base model expects."""
 
     burst: Number = None
     expected: Number = None
@@ -143,7 +147,7 @@ class RuptureEntry(Record):
 
 
 class CountedLevelEntry(Record):
-    """Actuators of one degradation rate that burst, beside what the model expects."""
+    """Actuators of one degradation rate that burst, and what the model expects."""
 
     degradation_pct: Number = None
     pressure_kPa: Number = Field(  # noqa: N815  a unit
@@ -151,31 +155,33 @@ class CountedLevelEntry(Record):
     )
     tested: Number = None
     ruptured: Number = None
-    probability: Number = Field(default=None, description="of one actuator to burst, not below 1/n")
+    probability: Number = Field(default=None, description="that one actuator bursts, not below 1/n")
     probability_q05: Number = None
     probability_q95: Number = None
-    count_probability: Number = Field(default=None, description="of as many as burst")
+    count_probability: Number = Field(default=None, description="of as many ruptures")
 
 
 class CountedCauseEntry(Record):
-    """What counts of ruptures say of one cause, or of a cut of all limits alike."""
+    """Evidence of rupture counts for one cause, or for an equal reduction of all limits."""
 
     cause: Text = ""
     log_bayes_factor: Number = Field(default=None, description="[nats]")
-    p_value: Number = Field(default=None, description="of the counts with it")
+    p_value: Number = Field(default=None, description="of the counts with this cause")
 
 
 class RuptureCountsEntry(Record):
-    """How probable counts of ruptures are; no probability is stated below one in `draws`."""
+    """Probability of the rupture counts; none is stated below one in `draws`."""
 
     source: Text = ""
     levels: tuple[CountedLevelEntry, ...] = ()
     probability: Number = Field(default=None, description="of exactly these counts, not below 1/n")
-    p_value: Number = Field(default=None, description="of counts that are no more probable")
+    p_value: Number = Field(default=None, description="of counts no more probable than these")
     draws: Number = Field(default=None, description="n, posterior draws")
     contradicted: bool = Field(default=False, strict=True)
     criteria: Numbers = Field(default={}, description="p-values by the other criteria of rupture")
-    explained_by: Names = Field(default=(), description="a cause, or several not told apart")
+    explained_by: Names = Field(
+        default=(), description="a cause, or several that cannot be told apart"
+    )
     tried: tuple[CountedCauseEntry, ...] = ()
     sentence: Text = ""
 
@@ -192,7 +198,7 @@ class ContradictionEntry(Record):
 
 
 class SuspectEntry(Record):
-    """A reading or a specimen that is unlikely, by its columns or by what the others predict."""
+    """A reading or specimen that its own columns or the other readings make unlikely."""
 
     file: Text = ""
     specimen: Text | None = None
@@ -200,32 +206,34 @@ class SuspectEntry(Record):
     value: Scalar = None
     why: Text = ""
     specimens: Names = Field(default=(), exclude_if=not_, description="if several")
-    oddity: Text = Field(default="", exclude_if=is_absent, description="in which way it is odd")
+    oddity: Text = Field(default="", exclude_if=is_absent, description="how it is odd")
     size: Number = Field(default=None, exclude_if=is_absent)
     score: Number = Field(
         default=None,
         exclude_if=is_absent,
-        description="standard deviations off what all others predict",
+        description="standard deviations from what all others predict",
     )
     p_value: Number = Field(
-        default=None, exclude_if=is_absent, description="of such a score, times those looked at"
+        default=None, exclude_if=is_absent, description="of such a score, times the number examined"
     )
     readings: Number = Field(
-        default=None, exclude_if=is_absent, description="rows set aside, of whole specimens all"
+        default=None,
+        exclude_if=is_absent,
+        description="rows set aside; all rows of whole specimens",
     )
     set_aside: bool = Field(
         default=False,
         strict=True,
         exclude_if=not_,
-        description="whether the calibration is without it",
+        description="whether it is excluded from the calibration",
     )
 
 
 class MissingTermEntry(Record):
     """A term in known quantities that removes part of a misfit; sizes in `unit`."""
 
-    formula: Text = Field(default="", description="of the reading with it, b its size")
-    columns: Names = Field(default=(), description="what it is a function of")
+    formula: Text = Field(default="", description="the reading with the term, b its size")
+    columns: Names = Field(default=(), description="quantities that it depends on")
     size: Number = None
     q05: Number = None
     q95: Number = None
@@ -235,11 +243,11 @@ class MissingTermEntry(Record):
     elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
     elpd_diff_se: Number = None
     alike: Names = Field(default=(), description="terms that fit as well, the best first")
-    count_alike: Number = Field(default=None, description="how many there are")
+    count_alike: Number = Field(default=None, description="their number")
 
 
 class LevelMisfitEntry(Record):
-    """What one level of a column has of a misfit."""
+    """Share of a misfit in one level of a column."""
 
     level: Text = ""
     readings: Number = None
@@ -249,7 +257,7 @@ class LevelMisfitEntry(Record):
 
 
 class ColumnMisfitEntry(Record):
-    """What the levels of a column have of a misfit; sizes are of `kind`, in `unit`."""
+    """Shares of a misfit in the levels of a column; sizes are of `kind`, in `unit`."""
 
     column: Text = ""
     share_of_misfit: Number = None
@@ -259,17 +267,17 @@ class ColumnMisfitEntry(Record):
 
 
 class DescriptionEntry(Record):
-    """What a misfit looks like that no cause accounts for."""
+    """Description of a misfit that no cause accounts for."""
 
     sentence: Text = ""
-    with_causes: Names = Field(default=(), description="active in the model whose misfit it is")
+    with_causes: Names = Field(default=(), description="causes in the model with this misfit")
     terms: tuple[MissingTermEntry, ...] = ()
     columns: tuple[ColumnMisfitEntry, ...] = ()
     p_value: Number = Field(default=None, description="of the best of all terms")
     tried: Number = Field(default=None, description="terms that were tried")
     replicates: Number = Field(default=None, description="simulated data sets behind p_value")
     next_experiments: tuple[ExperimentEntry, ...] = Field(
-        default=(), description="which would tell the best terms apart"
+        default=(), description="experiments that would tell the best terms apart"
     )
 
 
@@ -282,7 +290,7 @@ class OutcomeEntry(Record):
 
 
 class QuestionedEntry(Record):
-    """A parameter calibrated to what its prior all but excludes; bounds None where there is none.
+    """A parameter calibrated to a value that its prior all but excludes; None is no bound.
 
     The bounds are those of the interval that holds 99.9 % of the prior.
     """
@@ -299,10 +307,10 @@ class QuestionedEntry(Record):
 
 
 class AbsorbedEntry(Record):
-    """A parameter of the base model that took up what the model lacks.
+    """A parameter of the base model that absorbs a model error.
 
-    All else is the prior, films and means of replicates: what is known of it without the readings
-    that the model is judged by.
+    "All else" is all other information: the prior, films and means of replicates, without the
+    readings by which the model is judged.
     """
 
     parameter: Text = ""
@@ -341,7 +349,7 @@ class UnusedEntry(Record):
 
 
 class MapNoiseEntry(Record):
-    """By how much two calls of a forward map with the same values differ."""
+    """Difference between two calls of a forward map with the same values."""
 
     kind: Text = ""
     unit: Text = ""
@@ -349,9 +357,9 @@ class MapNoiseEntry(Record):
 
 
 class ForwardMapEntry(Record):
-    """Where a forward map of the user's has no finite answer, and whether it has noise of its own.
+    """How often a user's forward map has no finite answer, and its noise.
 
-    Shares are of vectors at which some reading has no finite prediction.
+    Shares count parameter vectors at which some reading has no finite prediction.
     """
 
     prior_draws: Number = None
@@ -362,11 +370,12 @@ class ForwardMapEntry(Record):
 
 
 class InDoubt(Record):
-    """What a reader of a verdict should know before it is used."""
+    """Warnings to read before a verdict is used."""
 
     unused: tuple[UnusedEntry, ...] = ()
     not_converged: Names = Field(
-        default=(), description="calibrations that missed the criteria of their effort, and by what"
+        default=(),
+        description="calibrations that missed the criteria of their effort, with diagnostics",
     )
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
@@ -391,10 +400,10 @@ class VerdictRecord(FileRecord):
     causes: Names = Field(default=(), description="named, or that cannot be told apart")
     one_of: tuple[Names, ...] = ()
     sets: tuple[Names, ...] = Field(
-        default=(), description="of each list one cause acts; a named one is alone in its list"
+        default=(), description="one cause of each list acts; a named one is alone in its list"
     )
     alternatives: tuple[Names, ...] = Field(
-        default=(), description="sets of causes of which one acts, if they are no such lists"
+        default=(), description="sets of causes of which one acts, if not combinations from lists"
     )
     explanation: Text = ""
     candidates: tuple[CandidateEntry, ...] = Field(default=(), description="best first")
@@ -405,7 +414,7 @@ class VerdictRecord(FileRecord):
     misfit: MisfitEntry = MisfitEntry()
     ruptures: RuptureEntry | None = None
     rupture_counts: tuple[RuptureCountsEntry, ...] = Field(
-        default=(), description="published, and of the study's own actuators"
+        default=(), description="published, and from the study's own actuators"
     )
     contradicted: ContradictionEntry | None = None
     next_experiments: tuple[ExperimentEntry, ...] = ()
@@ -413,7 +422,7 @@ class VerdictRecord(FileRecord):
     description: DescriptionEntry | None = Field(
         default=None,
         exclude_if=is_absent,
-        description="what the misfit looks like, where no cause accounts for it",
+        description="description of a misfit that no cause accounts for",
     )
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
@@ -422,30 +431,30 @@ class VerdictRecord(FileRecord):
     with_suspects: OutcomeEntry | None = Field(
         default=None,
         exclude_if=is_absent,
-        description="the outcome with all that was set aside; only there if something was",
+        description="the outcome with nothing set aside; present only if something was",
     )
     forward_map: ForwardMapEntry | None = Field(
-        default=None, exclude_if=is_absent, description="of a study with its own forward map"
+        default=None, exclude_if=is_absent, description="for a study with its own forward map"
     )
     left_out: tuple[LeftOutEntry, ...] = ()
 
     @property
     def is_directed(self) -> bool:
-        """Whether causes were found by the test directed at them, where the misfit shows none."""
+        """Whether only the directed test, not the overall misfit, supports the causes."""
         p_value = self.misfit.p_value
         return bool(self.causes) and p_value is not None and p_value > MISFIT_LEVEL
 
     @property
     def judged(self) -> bool:
-        """Whether the simulation was judged: there was data for it, and the stages worked.
+        """Whether the simulation was judged: data existed and the stages succeeded.
 
-        The outcome alone says so. Misfit and candidates do not: films have no misfit in curvature,
-        and causes that no data tell apart have no probability.
+        Only the outcome says so: films have no misfit in curvature, and causes that the data cannot
+        tell apart have no probability.
         """
         return self.outcome is not Outcome.NOT_JUDGED
 
     def candidate(self, cause: str) -> CandidateEntry | None:
-        """Return what was found for a cause, or None if it was not tried."""
+        """Return the entry of a cause, or None if it was not tried."""
         return next((entry for entry in self.candidates if entry.cause == cause), None)
 
     def why_left_out(self, stage: str) -> str:
@@ -454,7 +463,7 @@ class VerdictRecord(FileRecord):
 
 
 class ComparisonEntry(Record):
-    """A prediction beside the published value of the same quantity."""
+    """A prediction and the published value of the same quantity."""
 
     quantity: Text = ""
     degradation_pct: Number = None
@@ -464,7 +473,7 @@ class ComparisonEntry(Record):
 
 
 class ConvergenceEntry(Record):
-    """Whether the posterior of a model may be used, and why."""
+    """Whether the posterior of a model is usable, and why."""
 
     r_hat_max: Number = None
     ess_min: Number = None
@@ -473,7 +482,7 @@ class ConvergenceEntry(Record):
 
 
 class AccuracyEntry(Record):
-    """How well an emulator predicts a quantity on curves that it was not trained on."""
+    """Accuracy of an emulator for a quantity, on curves that it was not trained on."""
 
     quantity: Text = ""
     rms_pct: Number = None
@@ -483,7 +492,7 @@ class AccuracyEntry(Record):
 
 
 class EmulatorEntry(Record):
-    """The emulator that stood in for the finite element model; all absent where none did."""
+    """The emulator that replaced the finite element model; empty if there was none."""
 
     design: Text = ""
     model_version: Text = Field(default="", description="of the finite element model")
@@ -492,17 +501,19 @@ class EmulatorEntry(Record):
     curves_cut_short: Number = None
     mesh_error_pct: Number = None
     accuracy: tuple[AccuracyEntry, ...] = ()
-    error_pct: Number = Field(default=None, description="in curvature, with the mesh's [%]")
+    error_pct: Number = Field(
+        default=None, description="in curvature, including the mesh error [%]"
+    )
     record: Text = Field(default="", description="how it was trained, in words")
     refusals: Text = Field(default="", description="how many proposals it refused, in words")
-    refused_inputs: Texts = Field(default={}, description="of new specimens, and why")
+    refused_inputs: Texts = Field(default={}, description="for new specimens, and why")
     training: Mapping[str, object] = Field(
-        default={}, description="its own record, by which it is known"
+        default={}, description="its own record, which identifies it"
     )
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """Design, version and curves, as far as they are known."""
+        """Design, version and numbers of curves, as far as known."""
         told = {
             "design": self.design,
             "version of the finite element model": self.model_version,
@@ -516,13 +527,13 @@ class BurstEntry(Record):
     """Actuators that burst, as they were recorded or published."""
 
     degradation_pct: Number = None
-    burst: Number = Field(default=None, description="how many")
-    tested: Number = Field(default=None, description="of how many, where that is known")
+    burst: Number = Field(default=None, description="number that burst")
+    tested: Number = Field(default=None, description="number tested, if known")
     pressure_kPa: Number = Field(  # noqa: N815  a unit
-        default=None, description="at which it burst; null if it was not recorded"
+        default=None, description="pressure at which it burst; null if not recorded"
     )
     survived_kPa: Number = Field(  # noqa: N815  a unit
-        default=None, description="largest that it survived before; null if none was recorded"
+        default=None, description="largest pressure survived before; null if none recorded"
     )
     source: Text = ""
 
@@ -547,7 +558,7 @@ def _known_criterion(name: str) -> str:
 
 
 class ModelEntry(Record):
-    """What is needed beside its draws to predict with a posterior."""
+    """What predicting with a posterior needs besides its draws."""
 
     parameters: Names = Field(default=(), description="of the base model")
     nodes_pct: RisingNumbers = ()
@@ -556,29 +567,31 @@ class ModelEntry(Record):
     largest_pressure_kPa: PositiveNumber = None  # noqa: N815  a unit
     measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
     rupture_criterion: Annotated[Text, AfterValidator(_known_criterion)] = Field(
-        default="", exclude_if=is_absent, description="what is held against the elongation at break"
+        default="",
+        exclude_if=is_absent,
+        description="measure that is compared with the elongation at break",
     )
     rupture_size_ratio: Number = Field(
         default=None,
         exclude_if=is_absent,
-        description="volume of the actuator as moulded over that of a film that is stretched",
+        description="volume of the moulded actuator over that of a stretched film",
     )
     reading_operator: Text = Field(
         default="", exclude_if=is_absent, description="how curvature was read, if not by its angle"
     )
     reading_points: Number = Field(
-        default=None, exclude_if=is_absent, description="points that it was read of"
+        default=None, exclude_if=is_absent, description="number of points it was read from"
     )
     reading_of_line: bool = Field(
         default=False,
         exclude_if=not_,
-        description="whether the bend angle was read of the same points",
+        description="whether the bend angle was read from the same points",
     )
     material_law: Annotated[Text, AfterValidator(_known_law)] = Field(
-        default="", exclude_if=is_absent, description="the law of the material, if not Yeoh's"
+        default="", exclude_if=is_absent, description="material law, if not Yeoh's"
     )
     stiffening: PositiveNumber = Field(
-        default=None, exclude_if=is_absent, description="C3/C1, where C3 is no parameter"
+        default=None, exclude_if=is_absent, description="C3/C1, where C3 is not a parameter"
     )
     rupture_checks: Count = Field(
         default=None,
@@ -589,7 +602,7 @@ class ModelEntry(Record):
     )
     averaged: tuple[MemberEntry, ...] = Field(
         default=(),
-        description="sets of causes that cannot be told apart, of which posterior_averaged.nc is",
+        description="sets of causes that cannot be told apart, averaged in posterior_averaged.nc",
     )
 
 
@@ -601,21 +614,21 @@ class StatisticEntry(Record):
 
 
 class MissingEntry(Record):
-    """Data that are not there, and what that costs."""
+    """Missing data, and what that costs."""
 
     what: Text = ""
     cost: Text = ""
 
 
 class BasisEntry(Record):
-    """A statement of the report, and the data on which it rests."""
+    """A statement of the report and the data behind it."""
 
     statement: Text = ""
     rests_on: Text = ""
 
 
 class TakenInEntry(Record):
-    """How the posterior of one model took in further readings."""
+    """How further readings were added to the posterior of one model."""
 
     method: Text = Field(default="", description="weights, refit or mode")
     effective: Number = Field(default=None, description="effective draws")
@@ -630,7 +643,7 @@ class TakenInEntry(Record):
 
 
 class UpdateEntry(Record):
-    """Readings that entered a finished run; the verdict is the one from before."""
+    """Readings added to a finished run; the verdict is the earlier one."""
 
     run: Text = Field(default="", description="the run folder that was updated")
     times: Number = Field(default=None, description="updates since the study was run")
@@ -638,11 +651,11 @@ class UpdateEntry(Record):
     readings: Number = Field(default=None, description="new rows")
     added_sha256: Text = Field(default="", description="SHA-256 of added.csv")
     posteriors: Mapping[str, TakenInEntry] = Field(default={}, description="by model")
-    as_before: Names = Field(default=(), description="files that are those of the run before")
+    as_before: Names = Field(default=(), description="files kept from the earlier run")
     not_averaged: tuple[MemberEntry, ...] = Field(
         default=(),
-        description="sets of causes over which the run before was averaged; predictions are those "
-        "with the first",
+        description="sets of causes over which the earlier run was averaged; predictions are now "
+        "those with the first",
     )
 
 
@@ -667,7 +680,7 @@ class RunRecord(FileRecord):
         default=True,
         strict=True,
         exclude_if=bool,
-        description="false where nothing of the study does, and the report does not speak of it",
+        description="false if nothing in the study degrades",
     )
     note: Text = ""
     seed: SeedNumber = None
@@ -678,7 +691,7 @@ class RunRecord(FileRecord):
     seconds: Numbers = Field(default={}, description="wall time by stage [s]")
     memory: Numbers = Field(
         default={},
-        description="largest resident memory by process [MB], where the system says",
+        description="largest resident memory by process [MB], if available",
     )
     counts: Numbers = Field(default={}, description="of draws, proposals and refusals")
     missing: tuple[MissingEntry, ...] = ()
@@ -687,19 +700,19 @@ class RunRecord(FileRecord):
     emulator: EmulatorEntry = EmulatorEntry()
     model: ModelEntry | None = None
     forward: Text = Field(
-        default="", exclude_if=is_absent, description="a forward map of one's own, where it stands"
+        default="", exclude_if=is_absent, description="where the user's forward map is defined"
     )
     forward_map: ForwardMapEntry | None = Field(
         default=None, exclude_if=is_absent, description="as in verdict.json"
     )
     misfit: StatisticEntry = StatisticEntry()
     comparisons: tuple[ComparisonEntry, ...] = ()
-    checks: Texts = Field(default={}, description="what each check came to, in words")
+    checks: Texts = Field(default={}, description="result of each check, in words")
     suspects: tuple[SuspectEntry, ...] = ()
     parameters_in_question: tuple[QuestionedEntry, ...] = ()
     unused: tuple[UnusedEntry, ...] = Field(default=(), description="rows that no likelihood uses")
     posteriors: Texts = Field(default={}, description="SHA-256 of the posteriors")
     update: UpdateEntry | None = Field(
-        default=None, exclude_if=is_absent, description="readings that entered since the run"
+        default=None, exclude_if=is_absent, description="readings added since the run"
     )
     left_out: tuple[LeftOutEntry, ...] = ()

@@ -15,8 +15,8 @@ from bayesdeg.report.wording import number
 BASE = "base"
 FINAL = "final"
 MOST_LEVELS = 9
-LEAST_PART = 0.05  # of a gain in log density that is worded to one decimal
-WIDE = 10.0  # a positive prior whose ends differ by this factor is drawn to a logarithmic scale
+LEAST_PART = 0.05  # rounding of a gain in log density shown to one decimal
+WIDE = 10.0  # a positive prior whose ends differ by this factor is drawn on a logarithmic scale
 
 type Row = dict[str, float | str | None]
 
@@ -36,7 +36,7 @@ class LevelRow:
 
 @dataclass(frozen=True)
 class TensileError:
-    """How far a model is off in one mode of loading, over all its readings.
+    """Error of a model in one mode of loading, over all its readings.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class TensileError:
 
 @dataclass(frozen=True)
 class Span:
-    """Where an interval lies on a bar, both in percent of its length."""
+    """Position and width of an interval on a bar, in percent of its length."""
 
     left: float
     width: float
@@ -82,7 +82,7 @@ class ParameterRow:
     prior, posterior : Span, optional
         Where the intervals lie; None if an end is not known.
     logarithmic : bool
-        Whether the scale is that of the logarithm, as for a prior that spans powers of ten.
+        Whether the scale is logarithmic, as for a prior that spans powers of ten.
     """
 
     row: Row
@@ -93,12 +93,12 @@ class ParameterRow:
 
 @dataclass(frozen=True)
 class DecisionPair:
-    """What each model would have decided at one degradation rate.
+    """The pressures that each model would have chosen at one degradation rate.
 
     Parameters
     ----------
     degradation_pct, wanted_per_m : float
-        Where, and which curvature is wanted.
+        Degradation rate, and the wanted curvature.
     before : dict
         Row of ``decisions.csv`` of the base model.
     after : dict or None
@@ -112,7 +112,7 @@ class DecisionPair:
 
     @property
     def change_kPa(self) -> float | None:  # noqa: N802  a unit
-        """How far the pressures lie apart [kPa]; None where one of them is not known."""
+        """Difference of the pressures [kPa]; None if one of them is unknown."""
         ends = [row["needed_q50_kPa"] for row in (self.before, self.after) if row]
         known = [float(end) for end in ends if end is not None]
         return known[1] - known[0] if len(known) > 1 else None
@@ -120,7 +120,7 @@ class DecisionPair:
 
 @dataclass(frozen=True)
 class GainParts:
-    """What makes up the gain of a cause in log predictive density of all that was held out."""
+    """Parts of the gain of a cause in log predictive density of all held-out data."""
 
     total: float
     total_se: float | None
@@ -128,7 +128,7 @@ class GainParts:
 
     @property
     def beside(self) -> float:
-        """What is not of the specimens in ``gain.csv``: of films and measured means."""
+        """The part of films and measured means, which are not in ``gain.csv``."""
         return self.total - self.here
 
 
@@ -147,7 +147,7 @@ def rows_of(frame: pd.DataFrame | None) -> list[Row]:
 
 
 def farthest_first(absorption: pd.DataFrame | None) -> list[Row]:
-    """Return the parameters that were judged, those farthest off all else first.
+    """Return the parameters that were judged, the most displaced first.
 
     Examples
     --------
@@ -162,16 +162,16 @@ def farthest_first(absorption: pd.DataFrame | None) -> list[Row]:
 
 
 def models_of(frame: pd.DataFrame | None) -> tuple[str, ...]:
-    """Return the models of a table in the order in which they stand."""
+    """Return the models of a table in its order."""
     return () if frame is None else tuple(dict.fromkeys(frame["model"].astype(str)))
 
 
 def extended_model(gain: pd.DataFrame | None, verdict: VerdictRecord) -> str | None:
     """Return the name in ``gain.csv`` of the base model extended by the causes that act.
 
-    They are the named ones, and of each list of which one acts beside them the first, which the
-    evidence favours: with the named ones alone a model may predict worse than with none. Causes
-    that counts of ruptures show are no part of it: no reading is predicted otherwise.
+    These are the named causes and, from each list of which one more acts, the first, which the
+    evidence favours: with the named causes alone a model may predict worse than with none. Causes
+    shown by rupture counts are excluded: they change no predicted reading.
 
     Examples
     --------
@@ -198,9 +198,9 @@ def extended_model(gain: pd.DataFrame | None, verdict: VerdictRecord) -> str | N
 
 
 def gain_parts(gain: pd.DataFrame | None, verdict: VerdictRecord) -> GainParts | None:
-    """Return of what the gain of a single cause is made up; None where it is one part, or of more.
+    """Return the parts of the gain of a single cause; None if there is one part or several causes.
 
-    A cause is judged by all that was held out, while ``gain.csv`` scores what the study predicts.
+    A cause is judged by all held-out data, while ``gain.csv`` scores what the study predicts.
     """
     extended = extended_model(gain, verdict)
     alone = len(verdict.causes) == 1 and len(verdict.sets) < 2 and not verdict.alternatives
@@ -214,7 +214,7 @@ def gain_parts(gain: pd.DataFrame | None, verdict: VerdictRecord) -> GainParts |
 
 
 def by_criterion(criteria: pd.DataFrame | None) -> list[Row]:
-    """Return a row for each degradation rate at the largest pressure, a column for a criterion.
+    """Return one row per degradation rate at the largest pressure, one column per criterion.
 
     Examples
     --------
@@ -259,7 +259,7 @@ def influence_of_criteria(criteria: pd.DataFrame | None, *, degrades: bool = Tru
 
 
 def decision_pairs(decisions: pd.DataFrame | None) -> list[DecisionPair]:
-    """Put what the base model and the final one would have decided side by side, by rate."""
+    """Return the decisions of the base and the final model side by side, by rate."""
     by_rate: dict[float, list[Row]] = {}
     for row in rows_of(decisions):
         by_rate.setdefault(float(row["degradation_pct"] or 0.0), []).append(row)
@@ -287,13 +287,13 @@ def by_level(table: pd.DataFrame | None) -> pd.DataFrame | None:
 
 
 def several_levels(table: pd.DataFrame | None) -> pd.DataFrame | None:
-    """Return the rows by degradation rate where there is more than one: else the pooled say it."""
+    """Return the rows by degradation rate if there are several; else the pooled row suffices."""
     single = by_level(table)
     return None if single is None or single["degradation_pct"].nunique() < 2 else single
 
 
 def level_rows(levels: pd.DataFrame | None) -> list[LevelRow]:
-    """Put the models side by side, one row a degradation rate, the pooled row last."""
+    """Return the models side by side, one row per degradation rate, the pooled row last."""
     rows: dict[str, dict[str, Row]] = {}
     for row in rows_of(levels):
         level = str(row["degradation_pct"])
@@ -323,7 +323,7 @@ def _level_row(level: str, models: dict[str, Row]) -> LevelRow:
 
 
 def tensile_errors(tensile: pd.DataFrame | None) -> list[TensileError]:
-    """Sum up how far every model is off in every mode, held-out modes first.
+    """Return the error of every model in every mode, held-out modes first.
 
     Examples
     --------
@@ -357,9 +357,9 @@ def meanings_of(parameters: pd.DataFrame | None) -> dict[str, str]:
 
 
 def parameter_rows(parameters: pd.DataFrame | None) -> list[ParameterRow]:
-    """Return the parameters, prior and posterior intervals on a scale of their own each.
+    """Return the parameters, each with prior and posterior intervals on its own scale.
 
-    Those of a final model that is the base model are not repeated.
+    Parameters of a final model that is the base model are not repeated.
     """
     if parameters is None:
         return []
@@ -386,9 +386,9 @@ def _parameter_row(row: Row) -> ParameterRow:
 
 
 def panel_levels(*tables: pd.DataFrame | None) -> list[float]:
-    """Return the degradation rates that get a panel each: those of the first table that has any.
+    """Return the degradation rates that get a panel: those of the first table that has any.
 
-    More than nine are brought together on multiples of 5 %, then thinned out evenly.
+    More than nine are merged to multiples of 5 %, then thinned evenly.
     """
     for table in tables:
         if table is not None and not table.empty:

@@ -1,4 +1,4 @@
-"""The surface of a solved actuator: its faces and fields, cut for drawing, kept in files."""
+"""The surface of a solved actuator: faces and fields for drawing and for files."""
 
 import io
 from dataclasses import dataclass, replace
@@ -155,7 +155,7 @@ SMALLEST = 1e-12  # squared stretch that still has a logarithm
 
 @dataclass(frozen=True)
 class NodalFields:
-    """What a nearly incompressible solid shows at its nodes, at moulded size, in units of C1.
+    """Nodal fields of a nearly incompressible solid at moulded size, in units of C1.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def _reduced(element: Element) -> Element:
 
 
 def _to_corners(element: Element, degree: int) -> Floats:
-    """Return what takes values at the quadrature points to the corners, (n_corners, n_points)."""
+    """Return the matrix from quadrature points to corners, (n_corners, n_points)."""
     whole = element.triangular
     known = _monomials(element.points, degree, whole=whole)
     places = reference_nodes(element)
@@ -391,7 +391,7 @@ class Surface:
 
     @property
     def is_half(self) -> bool:
-        """Whether it is that of a half, of which the other one is the mirror image."""
+        """Whether it is one half of a mirror-symmetric actuator."""
         return bool(self.on_cut.any())
 
 
@@ -429,7 +429,7 @@ def faces_of(body: Body) -> tuple[Surface, Indices]:
 
 
 def _turned(faces: Indices) -> Indices:
-    """Return grids whose axes have changed places."""
+    """Return grids with their axes swapped."""
     side = int(np.sqrt(faces.shape[1]))
     turned: Indices = np.swapaxes(faces.reshape(-1, side, side), 1, 2).reshape(faces.shape)
     return turned
@@ -489,7 +489,7 @@ _VTK_NODES = 0.5 * np.array(
 
 
 def vtk_order(element: Element) -> Indices:
-    """Return the local node of the element that stands at each of VTK's places.
+    """Return the local node of the element at each of VTK's positions.
 
     VTK_TRIQUADRATIC_HEXAHEDRON for triquadratic bricks, VTK_HEXAHEDRON for trilinear ones,
     VTK_QUADRATIC_TETRA for tetrahedra.
@@ -511,9 +511,9 @@ def vtk_order(element: Element) -> Indices:
 def write_vtu(
     path: Path, body: Body, fields: NodalFields, *, linear_scale: float = 1.0, c1: float = 1.0
 ) -> None:
-    """Write a solved body for ParaView and its like: the half y ≥ 0 that was computed.
+    """Write a solved body (the computed half y ≥ 0) for ParaView and similar tools.
 
-    Points stand where they were before loading; *Warp By Vector* with ``displacement_mm``
+    Points are at their positions before loading; *Warp By Vector* with ``displacement_mm``
     deforms them, *Reflect* at y = 0 adds the other half.
 
     Parameters
@@ -595,7 +595,7 @@ def write_surface(folder: Path, surface: Surface) -> None:
 
 
 def read_surface(folder: Path) -> Surface | None:
-    """Read what `write_surface` wrote; None if there is nothing.
+    """Read the file of `write_surface`; None if there is none.
 
     Raises
     ------
@@ -627,6 +627,6 @@ def _check(surface: Surface) -> None:
     count = {len(a) for a in (surface.faces, surface.on_cut, surface.in_cavity)}
     known = min((len(shape.stretch) for shape in surface.shapes), default=0)
     if len(count) != 1 or surface.faces.shape[1] not in (4, 9):
-        raise ValueError("faces and their flags do not go together")
+        raise ValueError("faces and their flags differ in number")
     if not surface.shapes or surface.faces.min() < 0 or surface.faces.max() >= known:
-        raise ValueError("a face names a node that is not there")
+        raise ValueError("a face names a node that does not exist")

@@ -1,6 +1,6 @@
 """The tables of a run folder: every column with its unit and meaning, in the order of the file.
 
-This is the one list of them: the folder writes and reads what stands here, the page shows it, and a
+This is the only list of them: the folder writes and reads these tables, the page shows them, and a
 run makes it (`bayesdeg.pipeline.writing.BUILDS`).
 """
 
@@ -51,7 +51,7 @@ TERM_READINGS = "missing_terms_readings"
 SETS = "sets"
 
 ALL_LEVELS = "all"
-"""What stands in ``degradation_pct`` of a row that pools every degradation rate."""
+"""Value of ``degradation_pct`` in a row that pools every degradation rate."""
 
 
 class CellKind(Enum):
@@ -79,7 +79,7 @@ class Column:
     finite : bool
         Whether a number must be finite; what is not is written as "not available".
     may_be_empty : bool
-        Whether a cell may be "not available"; not where it says what the row is of.
+        Whether a cell may be "not available"; False for columns that identify the row.
     """
 
     name: str
@@ -116,7 +116,7 @@ class ResultTable:
         return [column.name for column in self.columns]
 
     def empty(self) -> pd.DataFrame:
-        """Return the table without rows: there is nothing to tell."""
+        """Return the table without rows."""
         return pd.DataFrame(columns=self.headings)
 
 
@@ -130,7 +130,7 @@ def _text(name: str, meaning: str) -> Column:
 
 
 _MODEL = replace(
-    _text("model", "base, the base with the causes it was extended by, or the course alone"),
+    _text("model", "base, base with the added causes, or the course of degradation alone"),
     may_be_empty=False,
 )
 _LEVEL = Column(
@@ -192,7 +192,7 @@ _TABLES = (
             _text("unit", "unit of value and quantiles"),
             Column("simulated_q05", "as stated", "5 % quantile on data simulated from the model"),
             Column("simulated_q95", "as stated", "95 % quantile on such data"),
-            Column("p_value", "–", "share of simulated data at least as far out"),
+            Column("p_value", "–", "share of simulated data at least as extreme"),
             Column("p_adjusted", "–", "the same for all statistics together"),
             _text("reading", "what it means physically"),
         ),
@@ -201,7 +201,7 @@ _TABLES = (
         LOO_PIT,
         (
             _MODEL,
-            Column("probability", "–", "where held-out readings lie in their predictions"),
+            Column("probability", "–", "predictive probability at which the share is compared"),
             Column("difference", "–", "share of readings below it less that probability"),
             Column("low", "–", "lower end of the 95 % band for whole curves"),
             Column("high", "–", "upper end of it"),
@@ -219,7 +219,9 @@ _TABLES = (
             _DEGRADATION,
             Column("along", "as stated", "pressure [kPa] or stretch [–]"),
             Column("discrepancy", "as read", "smooth discrepancy of the model"),
-            Column("residual", "as read", "reading less model, fitted beside the discrepancy"),
+            Column(
+                "residual", "as read", "reading less model, fitted together with the discrepancy"
+            ),
         ),
     ),
     ResultTable(
@@ -267,7 +269,10 @@ _TABLES = (
     ResultTable(
         CRITERIA,
         (
-            _text("criterion", "what of a wall's state is held against the elongation at break"),
+            _text(
+                "criterion",
+                "measure of the wall's state that is compared with the elongation at break",
+            ),
             _DEGRADATION,
             _PRESSURE,
             Column("probability", "–", "probability of rupture up to this pressure by it"),
@@ -297,13 +302,17 @@ _TABLES = (
             _text("kind", "what was read"),
             _text("unit", "unit of the readings"),
             _SPECIMEN,
-            Column("level", "as stated", "degradation rate, or what else was set for a specimen"),
+            Column(
+                "level",
+                "as stated",
+                "degradation rate, or another quantity that was set for a specimen",
+            ),
             _text("level_unit", "unit of the level"),
-            _text("history", "branch, cycle and mount, or how else it was loaded"),
+            _text("history", "branch, cycle and mount, or another history of loading"),
             Column("along", "as stated", "what was varied in the test"),
             _text("axis", "what that is, with its unit"),
             Column("measured", "as stated", "reading"),
-            Column("mean", "as stated", "posterior mean for specimens that are as the mean"),
+            Column("mean", "as stated", "posterior mean for an average specimen"),
             *_quantiles("as stated", 5, 25, 75, 95),
         ),
     ),
@@ -383,7 +392,7 @@ _TABLES = (
         LEAVE_ONE_OUT,
         (
             _SPECIMEN,
-            _text("kind", "what was read on it, all of which is left out"),
+            _text("kind", "kinds of reading on it, all of which are left out"),
             _log("elpd", "log predictive density of its readings given the other specimens"),
             _log("elpd_error", "Monte Carlo standard error of it"),
             _log("influence", "what its own readings add to its log density"),
@@ -398,8 +407,12 @@ _TABLES = (
             _text("kind", "conclusion or parameter"),
             Column("prior", "–", "change of its posterior per doubling of the priors' power"),
             Column("likelihood", "–", "the same for the likelihood"),
-            Column("prior_noise", "–", "what unrelated draws would show for the priors"),
-            Column("likelihood_noise", "–", "what unrelated draws would show for the likelihood"),
+            Column("prior_noise", "–", "the change that unrelated draws would show for the priors"),
+            Column(
+                "likelihood_noise",
+                "–",
+                "the change that unrelated draws would show for the likelihood",
+            ),
             Column("shift_sd", "–", "shift of its mean over its sd per doubling of the priors"),
             _text("diagnosis", "data, prior, prior and data, or neither"),
             _text("hangs_on", "parameter whose own prior matters most"),
@@ -415,7 +428,7 @@ _TABLES = (
             Column("pressure_kPa", "kPa", "gauge pressure; empty for a stress"),
             Column("stretch", "–", "stretch along the load; empty for a curvature"),
             _text("unit", "unit of the quantiles"),
-            Column("answered", "–", "share of the prior draws that have an answer"),
+            Column("answered", "–", "share of the prior draws that could be computed"),
             *_quantiles("as stated", 5, 25, 50, 75, 95),
         ),
     ),
@@ -426,7 +439,11 @@ _TABLES = (
             _text("film_id", "the film; empty for the band"),
             Column("time_h", "h", "time in the soil"),
             Column("moisture_pct", "%", "measured moisture content, wet basis"),
-            Column("degradation_pct", "%", "that of a film against the mean fresh moisture"),
+            Column(
+                "degradation_pct",
+                "%",
+                "degradation rate of a film relative to the mean fresh moisture",
+            ),
             *_quantiles("%", 5, 25, 50, 75, 95),
             *_quantiles("%", 5, 50, 95, prefix="moisture_"),
         ),
@@ -440,15 +457,19 @@ _TABLES = (
             Column("risk", "–", "largest probability of rupture that is accepted"),
             *_quantiles("%", 5, 50, 95, prefix="degradation_"),
             *_quantiles("1/m", 5, 50, 95, suffix="_per_m"),
-            Column("burst_probability", "–", "has burst by then, ballooned, or has no answer"),
+            Column(
+                "burst_probability",
+                "–",
+                "probability of having burst, ballooned or left the emulator's range by then",
+            ),
             *_quantiles("–", 5, 95, prefix="burst_"),
-            Column("lost_probability", "–", "bends less than wanted by the time"),
-            Column("failed_probability", "–", "either of them by the time"),
+            Column("lost_probability", "–", "probability of bending less than wanted by then"),
+            Column("failed_probability", "–", "probability of either by then"),
             *_quantiles("–", 5, 95, prefix="failed_"),
             Column("needed_q05_kPa", "kPa", "pressure that 5 % of new specimens need less than"),
-            Column("needed_q50_kPa", "kPa", "pressure that keeps the curvature of half of them"),
+            Column("needed_q50_kPa", "kPa", "pressure that half of new specimens need"),
             Column("needed_q95_kPa", "kPa", "pressure that 95 % of new specimens need less than"),
-            Column("allowed_kPa", "kPa", "largest pressure that was tested and the risk allows"),
+            Column("allowed_kPa", "kPa", "largest pressure that the tests and the risk allow"),
             Column("reachable", "–", "share of new specimens that need no more than is allowed"),
         ),
     ),
@@ -468,7 +489,7 @@ _TABLES = (
             Column("films", "–", "number of films, each left out in turn"),
             _log("pareto_k_max", "heaviest tail of the importance weights"),
             Column("refitted", "–", "films for which the model was calibrated again"),
-            Column("effective", "–", "effective draws that the evidence rests on"),
+            Column("effective", "–", "effective draws behind the evidence"),
         ),
     ),
     ResultTable(
@@ -500,10 +521,10 @@ _TABLES = (
                     Column(f"alpha_{k}", "–", f"power of term {k} of Ogden's law"),
                 )
             ),
-            Column("tensile_noise_floor", "MPa", "constant reading error that the law leaves"),
-            Column("tensile_noise", "–", "proportional reading error that it leaves"),
-            Column("stiffness_scatter", "–", "scatter of stiffness that it leaves"),
-            Column("tensile_noise_length", "–", "stretch over which errors stay alike"),
+            Column("tensile_noise_floor", "MPa", "constant reading error, fitted with the law"),
+            Column("tensile_noise", "–", "proportional reading error, fitted with the law"),
+            Column("stiffness_scatter", "–", "scatter of stiffness, fitted with the law"),
+            Column("tensile_noise_length", "–", "correlation length of the errors, in stretch"),
         ),
     ),
     ResultTable(
@@ -512,9 +533,9 @@ _TABLES = (
             _DEGRADATION,
             _PRESSURE,
             _text("source", "what is uncertain: parameters, specimen, degradation rate, reading"),
-            Column("first_order", "–", "share of the variance that goes if it alone is known"),
-            Column("total", "–", "share of the variance that stays if all else is known"),
-            Column("share", "–", "Shapley effect: its share, which all sources together make 1"),
+            Column("first_order", "–", "share of the variance removed if only this is known"),
+            Column("total", "–", "share of the variance that remains if all else is known"),
+            Column("share", "–", "Shapley effect: its share; the shares of all sources sum to 1"),
             Column("sd_per_m", "1/m", "standard deviation of a curvature read on a new actuator"),
             Column("explained", "–", "share of the prediction's variance that this accounts for"),
         ),
@@ -522,17 +543,17 @@ _TABLES = (
     ResultTable(
         SUSPECTS,
         (
-            _text("file", "in which it stands"),
-            _text("specimens", "whose, separated by spaces"),
-            _text("column", "which column, if it is one"),
-            _text("value", "what stands there"),
-            _text("oddity", "in which way it is odd; empty of what its columns alone say"),
-            Column("size", "–", "how much: of ln stiffness, or a share; of an offset in kPa"),
-            Column("score", "–", "standard deviations off what all others predict"),
-            Column("p_value", "–", "of such a score by chance, times the number looked at"),
-            Column("readings", "–", "rows that it is of"),
-            Column("set_aside", "–", "1 if calibration and verdict are without it"),
-            _text("why", "what is odd, and what may have happened"),
+            _text("file", "its file"),
+            _text("specimens", "specimens, separated by spaces"),
+            _text("column", "its column, if any"),
+            _text("value", "value in that column"),
+            _text("oddity", "how it is odd; empty if found from its columns alone"),
+            Column("size", "–", "size: of ln stiffness, a fraction, or an offset in kPa"),
+            Column("score", "–", "standard deviations from what all others predict"),
+            Column("p_value", "–", "chance of such a score, times the number examined"),
+            Column("readings", "–", "its rows"),
+            Column("set_aside", "–", "1 if excluded from calibration and verdict"),
+            _text("why", "what is odd, and a possible reason"),
         ),
     ),
     ResultTable(
@@ -553,8 +574,8 @@ _TABLES = (
             Column("curvature_per_m", "1/m", "bend angle over length of the line"),
             Column("curvature_error_per_m", "1/m", "its standard error"),
             Column("length_mm", "mm", "length of the line"),
-            _text("scale_from", "what the scale was read from"),
-            _text("not_sure", "what a person should look at"),
+            _text("scale_from", "source of the scale"),
+            _text("not_sure", "what to check by eye"),
             _text("refused", "why nothing was traced; empty where it was"),
         ),
     ),
@@ -579,7 +600,7 @@ _TABLES = (
             _DEGRADATION,
             _PRESSURE,
             Column("curvature_per_m", "1/m", "as read"),
-            Column("set_aside", "–", "1 if calibration and verdict are without it"),
+            Column("set_aside", "–", "1 if excluded from calibration and verdict"),
         ),
     ),
     ResultTable(
@@ -592,17 +613,21 @@ _TABLES = (
             *_quantiles("as stated", 5, 50, 95, prefix="all_else_"),
             Column("measured", "as stated", "a measurement of the parameter alone"),
             Column("measured_se", "as stated", "its standard error"),
-            _text("measured_source", "where it stands"),
+            _text("measured_source", "source of that measurement"),
             *_quantiles("as stated", 5, 50, 95, prefix="base_"),
             *_quantiles("as stated", 5, 50, 95, prefix="after_"),
-            Column("moved_sd", "–", "base posterior off all else, in sd of all else"),
-            Column("learned", "–", "share of the variance that the readings take"),
-            Column("score_sd", "–", "the same in sd of what a right model gives"),
-            Column("p_value", "–", "of the readings alone against all else"),
+            Column(
+                "moved_sd",
+                "–",
+                "shift of the base posterior from all other information, in sd of that",
+            ),
+            Column("learned", "–", "share of the variance removed by the readings"),
+            Column("score_sd", "–", "the same in sd of what a correct model gives"),
+            Column("p_value", "–", "of the readings alone against all other information"),
             Column("p_adjusted", "–", "the same for all parameters together"),
-            Column("in_question", "–", "1 if it absorbs what the model lacks"),
-            _text("pushed_by", "causes that would have pushed it there"),
-            Column("pushed_share", "–", "share of the displacement that the first explains"),
+            Column("in_question", "–", "1 if it absorbs a model error"),
+            _text("pushed_by", "causes that would push it there"),
+            Column("pushed_share", "–", "share of the shift that the first explains"),
             Column("after_moved_sd", "–", "as moved_sd, with the causes that evidence favours"),
         ),
     ),
@@ -610,26 +635,30 @@ _TABLES = (
         PUSHES,
         (
             _text("parameter", "name in the posterior"),
-            _text("causes", "what acts, joined by +"),
+            _text("causes", "acting causes, joined by +"),
             _log("log_bayes_factor", "of the model with them against the base model"),
-            Column("shift_sd", "–", "how far the base model moves it, in sd of all else"),
-            Column("share", "–", "share of the displacement that this explains"),
+            Column("shift_sd", "–", "shift of the base model, in sd of all other information"),
+            Column("share", "–", "share of the shift that this explains"),
         ),
     ),
     ResultTable(
         MISSING_TERMS,
         (
-            Column("step", "–", "1 for the first term that was taken, 2 for that beside it"),
+            Column("step", "–", "1 for the first term that was taken, 2 for a second one"),
             _text("status", "taken, or fits as well as the one that was"),
-            _text("formula", "of the reading with it, b its size"),
-            _text("columns", "what it is a function of"),
+            _text("formula", "the reading with the term, b its size"),
+            _text("columns", "quantities that it depends on"),
             _text("unit", "unit of its size"),
             Column("size", "as stated", "its size"),
             *_quantiles("as stated", 5, 95),
-            Column("behind", "–", "log-likelihood that it gains less, complexities weighed"),
-            Column("share", "–", "share of the misfit removed with it and those before it"),
+            Column(
+                "behind",
+                "–",
+                "log-likelihood gained less than by the term taken, allowing for complexity",
+            ),
+            Column("share", "–", "share of the misfit removed by it and those before it"),
             Column("p_value", "–", "share of simulated data in which the best term gains as much"),
-            _log("elpd_diff", "log predictive density that held-out specimens gain by it"),
+            _log("elpd_diff", "gain in log predictive density of held-out specimens"),
             _log("elpd_diff_se", "standard error of that"),
         ),
     ),
@@ -637,11 +666,11 @@ _TABLES = (
         MISFIT_COLUMNS,
         (
             _text("column", "a column of the study's tables"),
-            Column("column_share", "–", "share of the misfit that sits in its levels"),
+            Column("column_share", "–", "share of the misfit between its levels"),
             _text("level", "a level of it, or a third of its readings"),
             Column("readings", "–", "number of readings there"),
-            Column("share", "–", "share of the misfit that sits there"),
-            _text("kind", "which reading the excess is of"),
+            Column("share", "–", "share of the misfit there"),
+            _text("kind", "kind of reading of the excess"),
             _text("unit", "unit of the excess"),
             Column("excess", "as stated", "measured less simulated, on average"),
             Column("excess_pct", "%", "the same over the mean size of the simulated"),
@@ -655,17 +684,17 @@ _TABLES = (
             _SPECIMEN,
             _DEGRADATION,
             Column("along", "as stated", "pressure [kPa] or stretch [–]"),
-            Column("term", "as read", "change of the reading by the terms that were taken"),
-            Column("residual", "as read", "reading less model, fitted beside the terms"),
+            Column("term", "as read", "change of the reading due to the terms taken"),
+            Column("residual", "as read", "reading less model, fitted together with the terms"),
         ),
     ),
     ResultTable(
         SETS,
         (
-            _text("causes", "what acts, joined by +"),
-            _text("stated", "may be right, or excluded where each cause by itself is not"),
+            _text("causes", "acting causes, joined by +"),
+            _text("stated", "may be right, or excluded as a combination"),
             Column("log_bayes_factor", "–", "of the model with them against the base model"),
-            Column("behind", "–", "what that is less than the one of the favoured set"),
+            Column("behind", "–", "its deficit to that of the favoured set"),
             Column("odds", "–", "of the favoured set against this one, by their evidence"),
             _text("judged_by", "full fit, or screening on the linear scale"),
         ),
@@ -678,7 +707,7 @@ _TABLES = (
         ),
     ),
 )
-#: Tables that readings of actuators do not change: of films, and of what priors alone predict.
+#: Tables that actuator readings do not change: films and prior predictions.
 NOT_OF_ACTUATORS: Final = (COURSE, MATERIAL_LAWS, MEASURED, ORDERS, PRIOR_PREDICTIVE)
 
 #: Every table by its name.
@@ -694,7 +723,7 @@ def present(frame: pd.DataFrame | None) -> pd.DataFrame | None:
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables that a run has.
+    """The tables of a run.
 
     Examples
     --------
@@ -706,10 +735,10 @@ class Tables:
     frames: Mapping[str, pd.DataFrame]
 
     def __getitem__(self, name: str) -> pd.DataFrame | None:
-        """Return a table; None if there is none, or it has no rows."""
+        """Return a table; None if it is absent or has no rows."""
         return present(self.frames.get(TABLES[name].name))
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the files whose tables are there."""
+        """File names of the tables that exist."""
         return tuple(table.file for table in TABLES.values() if self[table.name] is not None)

@@ -1,4 +1,4 @@
-"""Numbers and names as the reader of the report sees them."""
+"""Numbers and names as text for the report."""
 
 import math
 import re
@@ -13,7 +13,7 @@ from bayesdeg.quantities import p_value_text
 SPACE = "\N{NO-BREAK SPACE}"
 
 NOTHING = "–"
-"""What stands in place of a value that is not available."""
+"""Shown for a value that is not available."""
 
 MINUS = "\N{MINUS SIGN}"
 
@@ -40,12 +40,12 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def number(value: float | str | None, digits: int = 3) -> str:
-    """Word a number to so many significant digits, without exponents where they can be avoided.
+    """Format a number with this many significant digits, avoiding exponents where possible.
 
     Parameters
     ----------
     value : float, str or None
-        A text is taken as a number if it is one, else given back.
+        A text that is not a number is returned unchanged.
     digits : int
         Significant digits; whole numbers keep all of theirs.
 
@@ -76,9 +76,9 @@ def number(value: float | str | None, digits: int = 3) -> str:
 
 
 def fixed(value: float | None, decimals: int = 2, *, sign: bool = False) -> str:
-    """Word a number with so many decimals, but to three significant digits at most from 100 on.
+    """Format a number with this many decimals, or none from 100 on.
 
-    It gets more decimals only if it would else be rounded to nothing.
+    It gets more decimals only if it would otherwise round to zero.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def _to_decimals(value: float | None, decimals: int, *, sign: bool = False) -> s
 
 
 def count(value: float | None) -> str:
-    """Word a count, thousands a narrow space apart.
+    """Format a count with narrow spaces between thousands.
 
     Examples
     --------
@@ -120,7 +120,7 @@ def count(value: float | None) -> str:
 
 
 def percent(fraction: float | None) -> str:
-    """Word a probability or a fraction in percent; never as certain when it is not.
+    """Format a probability or fraction in percent, never as certain when it is not.
 
     Examples
     --------
@@ -138,16 +138,16 @@ def percent(fraction: float | None) -> str:
 
 
 def chance(probability: float | None, checks: float | None = None, *, short: bool = False) -> str:
-    """Word a probability of which so many checks can know; below one in so many it is no number.
+    """Format a probability that rests on this many checks; below one in that many it is a bound.
 
     Parameters
     ----------
     probability : float or None
         As computed.
     checks : float or None
-        Specimens, draws or simulated sets that it rests on; None where that is not known.
+        Specimens, draws or simulated data sets that it rests on; None if unknown.
     short : bool
-        As narrow tables need it.
+        Shorter form, for narrow tables.
 
     Examples
     --------
@@ -164,7 +164,7 @@ def chance(probability: float | None, checks: float | None = None, *, short: boo
 
 
 def interval(low: str, high: str) -> str:
-    """Word an interval of worded ends.
+    """Format an interval from the text of its ends.
 
     Examples
     --------
@@ -175,7 +175,7 @@ def interval(low: str, high: str) -> str:
 
 
 def ends(pair: Sequence[float], between: str = "–") -> str:
-    """Word the ends of a range, which may be one.
+    """Format the ends of a range, which may coincide.
 
     Examples
     --------
@@ -187,7 +187,7 @@ def ends(pair: Sequence[float], between: str = "–") -> str:
 
 
 def plus_minus(value: float | None, error: float | None, *, sign: bool = False) -> str:
-    """Word a number and its standard error, without decimals that the error makes meaningless.
+    """Format a number and its standard error, without meaningless decimals.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def plus_minus(value: float | None, error: float | None, *, sign: bool = False) 
 
 
 def p_value(value: float | None, replicates: float | None = None) -> str:
-    """Word a p-value on one line, from so many simulated data sets where that is known.
+    """Format a p-value on one line; ``replicates`` are the simulated data sets behind it.
 
     Examples
     --------
@@ -213,7 +213,7 @@ def p_value(value: float | None, replicates: float | None = None) -> str:
 
 
 def strength(log_bayes_factor: float) -> str:
-    """Word the evidence of a log Bayes factor [nats], on the scale of Kass and Raftery (1995).
+    """Name the strength of a log Bayes factor [nats] on the scale of Kass and Raftery (1995).
 
     References
     ----------
@@ -240,7 +240,7 @@ def unbroken(text: str) -> str:
 
 
 def words(name: str) -> str:
-    """Word a name of the code.
+    """Turn an identifier into words.
 
     Examples
     --------
@@ -254,7 +254,7 @@ _PARAMETER = re.compile(r"(?:(\w+)\.)?(\w+?)(?:_(at|control)_(\d+(?:_\d+)?))?")
 
 
 def parameter_words(name: str, degrades: bool = True) -> str:
-    """Word the name of a parameter, with its degradation rate where the study has several.
+    """Turn a parameter name into words, with its degradation rate if the study has several.
 
     Examples
     --------
@@ -277,7 +277,7 @@ def parameter_words(name: str, degrades: bool = True) -> str:
 
 
 def begun(text: str) -> str:
-    """Begin a sentence with a text.
+    """Capitalize the first letter.
 
     Examples
     --------
@@ -288,7 +288,7 @@ def begun(text: str) -> str:
 
 
 def plain(text: str, names: Sequence[str]) -> str:
-    """Word the names of the code that stand in a text.
+    """Replace the given identifiers in a text by words.
 
     Examples
     --------
@@ -301,7 +301,7 @@ def plain(text: str, names: Sequence[str]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Join names as a sentence does.
+    """Join names with commas and "and".
 
     Examples
     --------
@@ -313,7 +313,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def model_words(model: str) -> str:
-    """Word the name of a model.
+    """Turn a model name into words.
 
     Examples
     --------
@@ -326,7 +326,7 @@ def model_words(model: str) -> str:
 
 
 def level_words(level: str | float) -> str:
-    """Word a degradation rate, or all of them.
+    """Format a degradation rate, or "all".
 
     Examples
     --------
@@ -337,7 +337,7 @@ def level_words(level: str | float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Word a time span.
+    """Format a duration.
 
     Examples
     --------
@@ -375,7 +375,7 @@ FILTERS: Mapping[str, Callable[..., Any]] = {
 
 
 def environment(*, autoescape: bool = False) -> Environment:
-    """Return what fills the templates in ``report/templates``; a name that is not given raises."""
+    """Return the environment for ``report/templates``; undefined names raise."""
     made = Environment(
         loader=PackageLoader("bayesdeg.report"),
         autoescape=autoescape,
@@ -393,14 +393,14 @@ def _plain() -> Environment:
 
 
 def filled(source: str, **facts: object) -> str:
-    r"""Fill a template; sentences are a space apart, whatever stands between them.
+    r"""Fill a template, with one space between sentences.
 
     Parameters
     ----------
     source : str
         The template itself.
     **facts
-        What it speaks of.
+        Variables of the template.
 
     Examples
     --------
@@ -420,22 +420,22 @@ def sentences(template: str, part: str, **facts: object) -> str:
     part : str
         A macro of it without arguments.
     **facts
-        What it speaks of: seen by all macros of the file. So is ``degrades``, whether anything of
-        the study does, which is true by default.
+        Variables for all macros of the file; ``degrades`` (whether the study has degradation) is
+        true by default.
     """
     module = _plain().get_template(f"{template}.j2").make_module({"degrades": True} | facts)
     return _joined(str(getattr(module, part)()))
 
 
 def worded(record: object, **facts: object) -> str:
-    """Word a record of the engine, by the macro of ``findings.j2`` that is named after its class.
+    """Put a record into words with the macro of ``findings.j2`` named after its class.
 
     Parameters
     ----------
     record : object
         ``one`` in the template.
     **facts
-        What else it speaks of.
+        Further variables.
 
     Examples
     --------
@@ -449,5 +449,5 @@ def worded(record: object, **facts: object) -> str:
 
 
 def _joined(text: str) -> str:
-    # the spaces that keep numbers and units together stay
+    # non-breaking spaces are kept
     return " ".join(part for part in text.replace("\n", " ").split(" ") if part)

@@ -90,7 +90,7 @@ def rupture_tables(b: dict[str, Any]) -> list[dict[str, Any]]:
     return [
         _table(
             "Probability of the published counts, and mean probability that one actuator bursts",
-            ["what acts", "of the counts", "Bayes factor", "bursts at 0 %", "20 %", "25 %"],
+            ["acting cause", "of the counts", "Bayes factor", "bursts at 0 %", "20 %", "25 %"],
             hypotheses,
         ),
         _table(

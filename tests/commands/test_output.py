@@ -122,7 +122,7 @@ def test_a_published_run_of_an_earlier_version_is_known_by_its_name(here):
                 pass
             (published / output.OWNER).unlink()
         else:
-            with pytest.raises(BayesdegError, match="another"), run_folder(published, study):
+            with pytest.raises(BayesdegError, match="different"), run_folder(published, study):
                 pass
 
 

@@ -195,7 +195,7 @@ def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", ["no [actuator] table", "write [actuator]"]),
+        ("", ["no [actuator] table", "add [actuator]"]),
         ("[actuator]\nlenght = 60.0\n", ["tiny.toml, row 2", "actuator.lenght", "'length'"]),
         ("[actuator]\nside_wall = 5.0\n", ["tiny.toml", "in the width"]),
         ("[actuator\n", ["tiny.toml, row 1", "valid TOML"]),

@@ -140,7 +140,7 @@ def test_a_resumed_calibration_keeps_its_counts(tmp_path):
 def test_refusals_are_said_in_plain_words_with_what_to_do_above_one_percent(refused, words, warned):
     said = refusal_words(Refusals(10000, refused))
     assert words in said
-    assert ("narrower priors" in said) == warned
+    assert ("Narrow the priors" in said) == warned
 
 
 def test_without_proposals_nothing_is_said():

@@ -99,7 +99,7 @@ def test_the_page_has_sentence_figure_and_table(tmp_path):
     section = page.by_id("misfit")
     assert SAID in section.text
     assert page.by_id("figure-absorption") is not None
-    cells = table_cells(section, "Parameters of the base model")
+    cells = table_cells(section, "For each parameter")
     assert [row[0].startswith(name) for row, name in zip(cells, ORDER, strict=True)] == [True] * 3
     pushed = [row[8] for row in cells]
     assert "pressure offset" in pushed[0]

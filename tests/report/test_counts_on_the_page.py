@@ -89,6 +89,6 @@ def test_the_page_has_a_table_in_which_nothing_is_smaller_than_the_draws_know(tm
     path.write_text(json.dumps(content | {"rupture_counts": [COUNTS]}), encoding="utf-8")
     page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
     text = page.by_id("rupture").text.replace("\N{NO-BREAK SPACE}", " ")
-    assert "published by others" in text
+    assert "Published counts" in text
     assert "1 in 3000 to 20 %" in text
     assert SAID in page.by_id("verdict").text.replace("\N{NO-BREAK SPACE}", " ")

@@ -13,8 +13,8 @@ SPACE = "\N{NO-BREAK SPACE}"
 SAID = {
     Outcome.ADEQUATE: "No misfit beyond the noise",
     Outcome.NAMED: "The misfit is explained by second invariant",
-    Outcome.AMBIGUOUS: "There is a misfit, and this data cannot tell its cause: second invariant "
-    "or stress measure",
+    Outcome.AMBIGUOUS: "There is a misfit, but these data cannot identify its cause: "
+    "second invariant or stress measure",
     Outcome.UNEXPLAINED: "There is a misfit, and no cause in the catalogue accounts for it",
     Outcome.NOT_JUDGED: "The simulation could not be judged on this data",
 }

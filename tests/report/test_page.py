@@ -177,7 +177,7 @@ def test_the_candidates_are_those_of_the_verdict(built):
             for value in (effect.mean, effect.q05, effect.q95):
                 assert close(cells[6], value, within=0.006 * abs(value))
             assert effect.unit == "–" or effect.unit in cells[6]
-    unjudged = table_cells(page, "Causes that this data says nothing about")
+    unjudged = table_cells(page, "Causes that these data say nothing about")
     silent = [entry for entry in verdict.candidates if entry.why]
     assert [row[1] for row in unjudged] == [entry.why for entry in silent]
     assert [row[0] for row in unjudged] == ["Mullins", "humidity drift"]
@@ -204,7 +204,7 @@ def test_the_tables_are_those_of_the_files(built):
         assert close(cells[5], row["rms_per_m"], within=0.005)
     parameters = folder.read_table("parameters")
     for cells, (_, row) in zip(
-        table_cells(page, "Intervals hold"), parameters.iterrows(), strict=True
+        table_cells(page, "90 % intervals"), parameters.iterrows(), strict=True
     ):
         assert cells[0].startswith(row["parameter"])
         for value in (row["q05"], row["q50"], row["q95"]):
@@ -440,7 +440,7 @@ def test_what_would_have_been_decided_is_shown_as_each_model_has_it(tmp_path):
     names = TABLES["decisions"].headings
     folder.write_table("decisions", pd.DataFrame(rows, columns=names))
     page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
-    shown = table_cells(page, "The pressure for half of the largest curvature")
+    shown = table_cells(page, "Pressure for half of the largest curvature")
     (before, after), (cells,) = rows, shown
     assert [numbers_in(cell) for cell in cells[:5]] == [
         [before[1]],
@@ -465,7 +465,7 @@ def test_the_least_probability_of_rupture_is_that_of_each_model(tmp_path):
     content = folder.read_json("run") | {"model": {"rupture_checks": 60}}
     folder.write_json("run", content)
     page = read_html(build_page(tmp_path).read_text(encoding="utf-8"))
-    (cells,) = table_cells(page, "The pressure for half of the largest curvature")
+    (cells,) = table_cells(page, "Pressure for half of the largest curvature")
     assert [" ".join(cell.split()) for cell in cells[5:7]] == [
         "less than 1 in 42",
         "less than 1 in 60",

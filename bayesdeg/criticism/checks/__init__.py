@@ -1,1 +1,1 @@
-"""What is left unexplained, and where."""
+"""Tests of misfit: its size, its place and its form."""

@@ -1,21 +1,21 @@
-r"""Which parameters absorb what the model lacks, and which cause would have pushed them there.
+r"""Parameters that absorb a model error, and causes that would push them there.
 
-What was read on actuators is split from all else that is known of a parameter θₖ: its prior, films,
-and means of replicates. With N(m, U) the law of the parameters given all else, and readings
-y = f + X (θ − m) + e, e ~ N(0, V), the readings alone say of θₖ
+The actuator readings are separated from all else that is known about a parameter θₖ: its prior,
+films, and means of replicates. With N(m, U) the law of the parameters given all else, and readings
+y = f + X (θ − m) + e, e ~ N(0, V), the likelihood of θₖ from the readings alone is
 
 .. math:: \ell(\theta_k) = \mathrm{N}(y;\ f + X u_k (\theta_k - m_k),\
     V + X (U - U_{kk} u_k u_k^T) X^T), \qquad u_k = U e_k / U_{kk}
 
-where the other parameters follow θₖ as all else has it. The posterior is the product of this and of
-the law of all else, which are independent; the posterior itself knows both, and must not be held
-against either. A right model moves the posterior's mean off m by N(0, s²),
+where the other parameters follow θₖ as in the law of all else. The posterior is the product of this
+and of the law of all else, which are independent; the posterior itself contains both and must not
+be compared with either. Under a correct model the posterior mean deviates from m by N(0, s²),
 
 .. math:: s_k^2 = (U X^T \Sigma^{-1} X U)_{kk}, \qquad \Sigma = V + X U X^T
 
-and the law of the readings alone has variance Uₖₖ (Uₖₖ − s²)/s² and its mean Uₖₖ/s² times as far
-off m as the posterior. A parameter of which all else says little, and the readings much, has s²
-near Uₖₖ: it may move by as much as all else is uncertain. That is learning, not a contradiction.
+and the law of the readings alone has variance Uₖₖ (Uₖₖ − s²)/s² and a mean Uₖₖ/s² times as far
+from m as the posterior. If the readings determine a parameter much better than all else, s² is near
+Uₖₖ: it may move by as much as all else is uncertain. That is learning, not a contradiction.
 
 References
 ----------
@@ -47,26 +47,26 @@ from bayesdeg.priors import Flat, Parameter
 Floats = NDArray[np.float64]
 
 EFFECTIVE = 4000.0
-"""Effective draws of the law of all else: p-values down to 2/4001 are told apart, and 20 parameters
-times that are still below the level that decides."""
+"""Effective draws of the law of all else: p-values down to 2/4001 are resolved, and 20 parameters
+times that are still below the deciding level."""
 LEAST_LEARNED = 0.01
-"""Share of a parameter's variance that readings must take for it to be judged: those that narrow it
-by less than half a percent of its width say nothing of it."""
+"""Share of a parameter's variance that readings must remove for it to be judged: below that, they
+narrow it by less than half a percent."""
 MOVED = 1.645
-"""Standard deviations of all else by which a parameter in question must be off: out of the 90 %
-interval. Readings that are sure of little may be at odds with all else, and move nothing."""
+"""Least shift of a parameter in question, in standard deviations of all else: out of the 90 %
+interval. Weak readings may contradict all else without moving the parameter."""
 PUSHED = 0.5
-"""Share of a displacement that must go away for a cause to be said to have pushed a parameter: the
-cause explains more of it than it leaves, in either direction."""
-DRAWS = 4000  # of posteriors, for their quantiles: those at 5 % are known to a hundredth of the sd
+"""Share of a displacement that a cause must remove to be said to push a parameter: it explains more
+than it leaves, in either direction."""
+DRAWS = 4000  # posterior draws for quantiles: those at 5 % are known to a hundredth of the sd
 QUANTILES = (0.05, 0.5, 0.95)
-STEP = 1e-3  # of differences, on the sampler's scale
-UNMOVED = 1e-9  # relative change of a mean that rounding makes
+STEP = 1e-3  # step of differences, on the sampler's scale
+UNMOVED = 1e-9  # relative change of a mean by rounding
 
 
 @dataclass(frozen=True)
 class AllElse:
-    """The law of the parameters given all but the readings that the model is judged by.
+    """The law of the parameters given all data but the readings that the model is judged by.
 
     Parameters
     ----------
@@ -99,12 +99,12 @@ class AllElse:
         return np.sqrt(np.diag(self.covariance))
 
     def p_value(self, place: int, centre: float, sd: float) -> float:
-        r"""Return how probable a value as far from the law of the readings alone is.
+        r"""Return the probability of a value as far from the law of the readings alone.
 
         .. math:: p = 2 \min(P(\theta' > \theta''),\ P(\theta' < \theta''))
 
-        with θ' of all else and θ'' ~ N(centre, sd²), independent. The draws stand for the first:
-        means of few replicates have heavy tails, and bounded priors none.
+        with θ' from all else and θ'' ~ N(centre, sd²), independent. Draws represent the first,
+        since means of few replicates have heavy tails and bounded priors none.
 
         Parameters
         ----------
@@ -119,16 +119,16 @@ class AllElse:
 
 
 def judged_kinds(model: JointModel) -> tuple[str, ...]:
-    """Return the kinds of data that a model is judged by: those that ask the forward map.
+    """Return the kinds of data that a model is judged by: those that need the forward map.
 
-    Where none does, such as with films alone, they are all readings.
+    If none does, as with films alone, these are all readings.
     """
     forward = tuple(one.name for one in model.observations if one.uses_forward)
     return forward or tuple(one.name for one in model.criticised)
 
 
 def all_else(model: JointModel, start: Floats) -> AllElse:
-    """Return the law of the parameters given all but what a model is judged by.
+    """Return the law of the parameters given all but the data that a model is judged by.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _weighted(found: Evidence) -> AllElse:
 
 @dataclass(frozen=True)
 class Measured:
-    """A parameter that was measured by itself.
+    """A direct measurement of a parameter.
 
     Parameters
     ----------
@@ -176,11 +176,11 @@ class Measured:
 
 
 def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
-    """Return the means of replicates that speak of one parameter alone, by its name.
+    """Return the means of replicates that measure one parameter directly, by its name.
 
-    Young's modulus at a degradation rate of zero is six times C1 there, whatever else holds; that
-    between the ends is of several parameters and of none alone. Of several means the one with the
-    least standard error is taken.
+    Young's modulus at a degradation rate of zero is always six times C1 there; between the ends it
+    depends on several parameters. Of several means the one with the smallest standard error is
+    taken.
 
     Parameters
     ----------
@@ -220,14 +220,14 @@ class Interval:
 
     @classmethod
     def of(cls, parameter: Parameter, draws: Floats, weights: Floats | None = None) -> "Interval":
-        """Return that of draws on the sampler's scale, (n,), with weights or without."""
+        """Return the interval of draws on the sampler's scale, (n,), weighted or not."""
         return cls(
             *(float(parameter.law.from_unconstrained(q)) for q in _quantiles(draws, weights))
         )
 
 
 NO_INTERVAL = Interval(float("nan"), float("nan"), float("nan"))
-"""Of a flat prior."""
+"""The interval of a flat prior."""
 
 
 def _quantiles(draws: Floats, weights: Floats | None) -> Floats:
@@ -240,7 +240,7 @@ def _quantiles(draws: Floats, weights: Floats | None) -> Floats:
 
 @dataclass(frozen=True)
 class Displacement:
-    """One parameter, calibrated, against what all else says of it.
+    """One calibrated parameter, and its value from all else.
 
     Parameters
     ----------
@@ -281,17 +281,17 @@ class Displacement:
 
     @property
     def is_in_question(self) -> bool:
-        """Whether the readings contradict all else more than chance does, and have moved it."""
+        """Whether the readings contradict all else beyond chance and have moved the parameter."""
         return self.is_judged and self.adjusted <= MISFIT_LEVEL and abs(self.moved) > MOVED
 
 
 def holm(p_values: Floats) -> Floats:
-    """Return p-values with all of a family counted, (k,).
+    """Return p-values adjusted for a family of tests (Holm), (k,).
 
-    The probability that any is at most a level, if every hypothesis holds, is at most that level,
-    however the statistics depend on one another: displacements of parameters that readings confuse
-    go together, with either sign, for which the procedure of Benjamini and Hochberg gives no
-    guarantee. One parameter accused wrongly is an error, however many are accused rightly.
+    If every hypothesis holds, the probability that any is at most a level is at most that level,
+    for any dependence between the statistics: displacements of confounded parameters are correlated
+    with either sign, for which the procedure of Benjamini and Hochberg gives no guarantee. One
+    wrongly accused parameter is an error, however many are accused rightly.
 
     References
     ----------
@@ -311,7 +311,7 @@ def holm(p_values: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Split:
-    """A fitted model with what it is judged by split from all else.
+    """A fitted model with the readings it is judged by separated from all else.
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ class Split:
 
     @property
     def model(self) -> JointModel:
-        """What was fitted."""
+        """The fitted model."""
         return self.trial.subject
 
     @cached_property
@@ -342,7 +342,7 @@ class Split:
         """s²/U of each parameter, (n_parameters,)."""
         share = np.sum(self.columns**2, axis=0) / np.diag(self.known.covariance)
         moves = np.any(self.linear.jacobian != 0.0, axis=0)
-        # the readings' scatter has no column of its own: what correlates with it is not its own
+        # the scatter of readings has no column of its own: correlated parameters account for it
         return np.where(moves, np.minimum(share, 1.0), 0.0)
 
     @cached_property
@@ -352,12 +352,12 @@ class Split:
 
     @cached_property
     def moved(self) -> Floats:
-        """How far the posterior's mean is off all else, in its standard deviations."""
+        """Shift of the posterior mean from all else, in standard deviations of that."""
         return np.asarray((np.mean(self.draws, axis=0) - self.known.mean) / self.known.sd)
 
     @cached_property
     def displacements(self) -> tuple[Displacement, ...]:
-        """Every parameter that is not of a cause, in the order of the model."""
+        """Every parameter except those of causes, in the order of the model."""
         direct = measured(self.model, self.trial.mode)
         names = self.model.table.names
         found = [self._one(p, names.index(p.name), direct.get(p.name)) for p in self.model.base]
@@ -381,7 +381,7 @@ class Split:
         return self._tested(one, place) if is_shown else one
 
     def _tested(self, one: Displacement, place: int) -> Displacement:
-        """Return it with what the readings alone say held against all else."""
+        """Return it with the test of the readings alone against all else."""
         sd, share = float(self.known.sd[place]), one.learned
         centre = float(self.known.mean[place]) + sd * one.moved / share
         alone = sd * float(np.sqrt((1.0 - share) / share))
@@ -398,13 +398,13 @@ class Split:
         return linearise(model, trial.mode, uncertain=trial.uncertain, centre=trial.centre)
 
     def shift_by(self, effect: "PlacedEffect") -> Floats:
-        r"""Return how far an effect moves the model without it off all else, (n_parameters,).
+        r"""Return the shift from all else by an effect that a model lacks, (n_parameters,).
 
         .. math:: \delta = U X^T \Sigma^{-1} (d - X \delta_0), \qquad
             \delta_0 = U_0 X_0^T \Sigma_0^{-1} d_0
 
-        with d the change of the readings, and d₀ that of the films, which moves what all else says
-        by δ₀: N(m₀, U₀) is known without films. In standard deviations of all else.
+        with d the change of the readings, and d₀ that of the films, which shifts all else by δ₀:
+        N(m₀, U₀) is the law without films. In standard deviations of all else.
 
         Parameters
         ----------
@@ -416,10 +416,10 @@ class Split:
         return np.asarray(found / self.known.sd)
 
     def refit_shift(self, trial: Trial, effect: "PlacedEffect") -> Floats:
-        """Return the same from a model that was fitted with the effect, (n_parameters,).
+        """Return the same shift from a model fitted with the effect, (n_parameters,).
 
-        What the posterior's mean goes back by where the effect is part of the model: in a linear
-        model that is `shift_by`.
+        This is how far the posterior mean returns if the effect is part of the model; in a linear
+        model it equals `shift_by`.
 
         Parameters
         ----------
@@ -454,11 +454,11 @@ def _with_all_counted(found: list[Displacement]) -> list[Displacement]:
 
 
 def split(trial: Trial) -> Split:
-    """Split a fitted model's readings from all else.
+    """Separate a fitted model's readings from all else.
 
-    Where a parameter has given way to the readings, the readings are linearised at what all else
-    says of it: a scatter that grew to make room for an effect would hide how far off the others
-    are, and a law with heavy tails gives way altogether.
+    If a parameter has adapted to the readings, these are linearised at its value from all else: a
+    scatter that grew to accommodate an effect would hide the shifts of the others, and a law with
+    heavy tails adapts completely.
 
     Parameters
     ----------
@@ -524,7 +524,7 @@ class PlacedEffect:
         return cls((cause,), vector, neutral)
 
     def of(self, model: JointModel) -> Floats:
-        """Return the change of a model's readings, (n,); nan where it has no answer."""
+        """Return the change of a model's readings, (n,); nan where it cannot be computed."""
         readings = model.extended(*self.causes).expected(np.stack([self.vector, self.neutral]))
         change: Floats = readings[0] - readings[1]
         return change
@@ -532,7 +532,7 @@ class PlacedEffect:
 
 @dataclass(frozen=True)
 class Push:
-    """What one cause, or several together, would do to the parameters of a model without it.
+    """Shift of a model's parameters by one or several causes that the model lacks.
 
     Parameters
     ----------
@@ -549,17 +549,17 @@ class Push:
     shifts: Mapping[str, float]
 
     def share(self, one: Displacement) -> float:
-        """Return the share of a displacement that it explains [–]; nan of none."""
+        """Return the explained share of a displacement [–]; nan if there is none."""
         return self.shifts[one.parameter.name] / one.moved if one.moved else float("nan")
 
     def explains(self, one: Displacement) -> bool:
-        """Return whether more of a displacement goes away than is left, see `PUSHED`."""
+        """Return whether more of a displacement is removed than is left, see `PUSHED`."""
         return abs(1.0 - self.share(one)) <= PUSHED
 
 
 @dataclass(frozen=True)
 class Absorption:
-    """What the parameters of the base model took up, and what would have pushed them.
+    """Displacements of the base model's parameters, and causes that would push them.
 
     Parameters
     ----------
@@ -582,17 +582,17 @@ class Absorption:
 
     @property
     def in_question(self) -> tuple[Displacement, ...]:
-        """Parameters that the readings contradict, the farthest first."""
+        """Parameters that the readings contradict, the most displaced first."""
         found = [one for one in self.displacements if one.is_in_question]
         return tuple(sorted(found, key=lambda one: -abs(one.score)))
 
     def pushed_by(self, one: Displacement) -> tuple[Push, ...]:
-        """Return what would have pushed a parameter to where it is, the best first.
+        """Return the causes that would push a parameter to its value, the best first.
 
-        Each cause has a Bayes factor that speaks for it, within odds of 20 of the best, and
-        explains more of the displacement than it leaves: any one of them may have pushed it. Where
-        none does by itself, those that the evidence favours together, if they do. Empty if nothing
-        in the catalogue would have.
+        Each has a favourable Bayes factor, within odds of 20 of the best, and explains more of the
+        displacement than it leaves: any one of them may be responsible. If no single cause does,
+        the causes that the evidence favours together, if they do. Empty if nothing in the catalogue
+        does.
         """
         factors = [push.log_bayes_factor for push in self.pushes]
         least = max(LEAST_FACTOR, max(factors, default=-np.inf) - LEAST_FACTOR)
@@ -603,17 +603,17 @@ class Absorption:
         return alone or tuple(found)
 
     def of(self, name: str) -> Displacement | None:
-        """Return what is known of a parameter of the base model; None if there is no such."""
+        """Return the entry of a parameter of the base model; None if it does not exist."""
         return next((one for one in self.displacements if one.parameter.name == name), None)
 
     def returned(self, one: Displacement) -> Displacement | None:
-        """Return what became of a parameter with the causes that the evidence favours."""
+        """Return the entry of a parameter with the causes that the evidence favours."""
         name = one.parameter.name
         return next((other for other in self.after if other.parameter.name == name), None)
 
 
 def absorption(search: Search, chosen: Names) -> Absorption:
-    """Return what the base model's parameters took up, and which causes would have pushed them.
+    """Return the displacements of the base model's parameters, and the causes that would push them.
 
     Parameters
     ----------
@@ -627,7 +627,7 @@ def absorption(search: Search, chosen: Names) -> Absorption:
     ValueError
         As of `split`.
     """
-    with threadpool_limits(limits=1):  # the same sums in the same order, whatever the machine
+    with threadpool_limits(limits=1):  # the same sums in the same order on every machine
         base = split(search.base)
         pushes = tuple(_pushes(search, base, chosen))
         after = split(search.trials[chosen]).displacements if chosen else ()
@@ -635,10 +635,10 @@ def absorption(search: Search, chosen: Names) -> Absorption:
 
 
 def _pushes(search: Search, base: Split, chosen: Names) -> Iterable[Push]:
-    """Yield what every cause would do by itself, then those together that the evidence favours.
+    """Yield the shifts by every single cause, then by the favoured causes together.
 
-    One that was fitted by itself, by what that fit took back. One that was fitted among others
-    alone, or screened, by the linear model at the size that it has there.
+    For a cause fitted alone, from that fit; for one fitted only together with others, or only
+    screened, from the linear model at its size there.
     """
     step, names = search.step(search.base.names), base.model.table.names
     for cause in search.causes:
@@ -664,7 +664,7 @@ def _push(causes: tuple[str, ...], factor: float, shift: Floats, names: Iterable
 
 
 def effect_in(trial: Trial, names: Names) -> PlacedEffect:
-    """Return the effect that some of a fitted model's causes have there.
+    """Return the effect of some of a fitted model's causes.
 
     Parameters
     ----------

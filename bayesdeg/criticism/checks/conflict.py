@@ -1,9 +1,9 @@
-"""Whether the readings contradict what was known beside them: means of replicates, and priors.
+"""Conflicts of the readings with other information: means of replicates, and priors.
 
-Curves alone cannot tell a stiffer actuator from a larger one: a model that is wrong may still fit
-them, by a volume ratio that nobody measured. Student's law of such a mean gives way to that, and a
-prior that stands for a mean gives way to many readings. What simulating from the fitted model calls
-chance knows nothing of it, since the simulated data come from that very volume ratio.
+Curves alone cannot tell a stiffer actuator from a larger one: a wrong model may fit them with a
+volume ratio that contradicts the measured one. Student's law of such a mean yields to that, and a
+prior in place of a mean yields to many readings. Data simulated from the fitted model do not
+reveal it, since they come from that same volume ratio.
 """
 
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ from bayesdeg.priors import Flat, Law, Parameter
 
 Floats = NDArray[np.float64]
 
-PRIOR_VALUES = 20_000  # of a prior: its tails are known to 5e-5, some 30 parameters to 0.0015
-INTERVAL = 0.999  # of a prior, as it is shown
+PRIOR_VALUES = 20_000  # prior draws: tails are known to 5e-5, for some 30 parameters to 0.0015
+INTERVAL = 0.999  # prior interval, as shown
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
 
     .. math:: p = 2 P(T_\nu > |s - E| / \sqrt{se^2 + sd^2})
 
-    with E and sd those of the posterior, which knows the mean already: p is rather too large.
+    with E and sd those of the posterior, which already includes the mean, so p is rather too large.
 
     Parameters
     ----------
@@ -107,14 +107,14 @@ class Questioned:
 
 
 def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
-    r"""Return the parameters that are calibrated to what their priors all but exclude.
+    r"""Return the parameters calibrated to values that their priors all but exclude.
 
     .. math:: p = m P(\pi(\theta) \le \pi(\theta_{50}))
 
     with :math:`\pi` the prior density in the users' unit, :math:`\theta_{50}` the posterior median
     and m the number of parameters; `MISFIT_LEVEL` over some 20 of them is the 99.9 % interval. The
-    posterior knows the prior already: p is rather too large. A uniform or flat prior is never
-    contradicted, nor is one of an error by readings that are better than it.
+    posterior already includes the prior, so p is rather too large. A uniform or flat prior is never
+    contradicted, nor is the prior of an error by readings that are more accurate.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
 
 
 def surprise(law: Law, value: float) -> float:
-    """Return the probability of values that are no more probable than this one.
+    """Return the probability of values no more probable than this one.
 
     Examples
     --------
@@ -150,6 +150,6 @@ def surprise(law: Law, value: float) -> float:
         return 1.0
     drawn = law.quantile((np.arange(PRIOR_VALUES) + 0.5) / PRIOR_VALUES)
     density = float(law.log_density(value))
-    # a density that is constant is the same in all digits but the last
+    # a constant density is the same in all digits but the last
     as_small = law.log_density(drawn) <= density + 1e-9 * max(1.0, abs(density))
     return float(chance_of(1.0, as_small.astype(np.float64)))

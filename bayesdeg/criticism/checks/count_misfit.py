@@ -1,4 +1,4 @@
-r"""How probable counts of ruptures are under a calibrated model.
+r"""Probability of rupture counts under a calibrated model.
 
 With :math:`p_l(\theta)` the probability that an actuator of level l bursts, its own stiffness and
 strength included, the probability of the counts is the average of the binomial law over the
@@ -8,9 +8,8 @@ posterior, the levels together, since they share its draws:
 
     P(k) = \frac1n \sum_i \prod_l \binom{t_l}{k_l} p_l(\theta_i)^{k_l} (1 - p_l(\theta_i))^{t_l-k_l}
 
-which is the beta-binomial law where p has a beta distribution. Many counts at many levels are each
-improbable, also the most probable ones; so they are judged by the probability of counts that are no
-more probable.
+which is the beta-binomial law if p has a beta distribution. Of many counts at many levels even the
+most probable is improbable, so they are judged by the probability of counts no more probable.
 """
 
 from dataclasses import dataclass
@@ -35,23 +34,23 @@ from bayesdeg.observations.specimens import OF_ACTUATORS
 Floats = NDArray[np.float64]
 
 COUNT_LEVEL = 0.01
-"""p-value below which counts contradict a model: one study in a hundred, of those that give any."""
+"""p-value below which counts contradict a model: one in a hundred of the studies with counts."""
 SETS = 999
 """Simulated counts, so that p-values down to a tenth of that level are resolved."""
 FEWEST = 100
-"""Draws with an answer, and sets, below which the level could not be reached with certainty."""
+"""Least number of usable draws, and of sets, for reaching that level reliably."""
 WIDTH = (0.05, 0.95)
 PUBLISHED, OWN = "summary.csv", "actuator.csv"
-"""Where counts of ruptures are given."""
+"""Files with rupture counts."""
 EQUAL = 1e-9
-"""Of a log probability: sets as probable as the counts, but for rounding, count as such."""
+"""Tolerance of a log probability: sets as probable as the counts, up to rounding."""
 
 
 class CountedLevel(NamedTuple):
-    """Ruptures at one degradation rate beside what the model expects.
+    """Ruptures at one degradation rate, and what the model expects.
 
-    ``probability`` is that of one actuator to burst before ``pressure`` [kPa], the mean over the
-    posterior, with its 5 and 95 % quantiles; ``chance`` that of as many ruptures as there were.
+    ``probability`` is that of one actuator bursting below ``pressure`` [kPa], the mean over the
+    posterior, with its 5 and 95 % quantiles; ``chance`` is that of the observed number of ruptures.
     """
 
     degradation: float
@@ -66,7 +65,7 @@ class CountedLevel(NamedTuple):
 
 @dataclass(frozen=True)
 class CountMisfit:
-    """How probable counts of ruptures are under a model.
+    """Probability of rupture counts under a model.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ class CountMisfit:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the model holds the counts for next to impossible."""
+        """Whether the counts contradict the model."""
         return self.p_value < COUNT_LEVEL
 
     @property
@@ -109,7 +108,7 @@ class CountMisfit:
 
     @property
     def expected(self) -> float:
-        """How many the model expects to burst."""
+        """Number that the model expects to burst."""
         return sum(one.tested * one.probability for one in self.levels)
 
 
@@ -146,7 +145,7 @@ def chances_at(model: JointModel, counts: RuptureCounts, vectors: Floats) -> Cha
 
 
 def answered(chances: Chances) -> Chances:
-    """Return the draws for which the forward map answers at all levels."""
+    """Return the draws within the forward map's range at all levels."""
     known = np.all(np.isfinite(chances.whole) | np.isfinite(chances.burst), axis=1)
     return Chances(chances.burst[known], chances.whole[known])
 
@@ -178,7 +177,7 @@ def judged_counts(
 
 
 class CountLaw(NamedTuple):
-    """The law of counts under draws of a model: ln weight of each draw, and its chances."""
+    """The law of counts under a model: ln weight and rupture probabilities of each draw."""
 
     tests: CountedTests
     chances: Chances
@@ -188,12 +187,12 @@ class CountLaw(NamedTuple):
     def of(
         cls, tests: CountedTests, chances: Chances, log_weights: Floats | None = None
     ) -> "CountLaw":
-        """Return the law for draws of weights that need not be normalised; equal by default."""
+        """Return the law for draws with unnormalised weights; equal by default."""
         weights = np.zeros(len(chances.burst)) if log_weights is None else log_weights
         return cls(tests, chances, weights - logsumexp(weights))
 
     def reweighted(self, log_weights: Floats) -> "CountLaw":
-        """Return the law with other weights of its draws."""
+        """Return the law with different weights."""
         return CountLaw.of(self.tests, self.chances, log_weights)
 
     def draw_by_draw(self, ruptured: Floats) -> Floats:
@@ -218,7 +217,7 @@ class CountLaw(NamedTuple):
         return drawn
 
     def levels(self) -> tuple[CountedLevel, ...]:
-        """Return what is expected level by level."""
+        """Return the expectation level by level."""
         weights, tests = np.exp(self.log_weights), self.tests
         burst = np.exp(self.chances.burst)
         low, high = np.quantile(burst, WIDTH, axis=0, weights=weights, method="inverted_cdf")
@@ -246,10 +245,10 @@ class CountLaw(NamedTuple):
 
 
 def can_be_counted(model: JointModel) -> bool:
-    """Return whether a model says when actuators burst: it bends them, and knows their limit."""
+    """Return whether a model predicts ruptures: it has actuators and an elongation limit."""
     return not OF_ACTUATORS.isdisjoint(model.table.names) and model.has_elongation
 
 
 def own_counts(model: JointModel) -> RuptureCounts | None:
-    """Return how many of a study's own actuators burst, by level; None without actuators."""
+    """Return the number of a study's own actuators that burst, by level; None without actuators."""
     return None if model.actuator is None else RuptureCounts(counted_by_level(model.actuator))

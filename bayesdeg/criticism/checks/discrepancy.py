@@ -1,9 +1,9 @@
-"""Smooth discrepancies of readings: the covariances by which a misfit is measured.
+"""Smooth discrepancies of readings: the covariances that measure a misfit.
 
 Within one family of readings a discrepancy is a smooth function of the path and of the degradation
-rate, in proportion to a smooth envelope of the readings. It is common to all histories of load or
-one for each; it may be each specimen's own; and it may be the same for every kind of reading in the
-family or of the first kind alone. Its covariance between readings i and j is
+rate, proportional to a smooth envelope of the readings. It is common to all loading histories or
+different for each; it may differ between specimens; and it may be the same for every kind of
+reading in the family or only for the first kind. Its covariance between readings i and j is
 
     a² e_i e_j exp(−(s_i − s_j)²/(2 ℓ²) − (D_i − D_j)²/(2 w²)) [same history or specimen],
 
@@ -11,8 +11,7 @@ with s the path in its largest extent, D the degradation rate [%] and e the enve
 
 Source: Kennedy and O'Hagan (2001), doi:10.1111/1467-9868.00294, for discrepancies of this kind.
 
-It is a measuring stick only: it never enters the physics. What it may look like stands in
-`bayesdeg.criticism.checks.discrepancy`. The statistic is the largest of
+It only measures the misfit and never enters the physics. The statistic is the largest of
 
     ln N(z; 0, I + a² K) − ln N(z; 0, I)
 
@@ -36,12 +35,12 @@ from bayesdeg.observations.kinds import Places
 Floats = NDArray[np.float64]
 
 SHORT, LONG = 0.25, 0.625
-"""Lengths along the path, in its largest extent: 60 and 150 kPa of 240."""
+"""Lengths along the path, relative to its largest extent: 60 and 150 kPa of 240."""
 DRIFT, EACH = 12.0, 2.0
-"""Lengths along the degradation rate [%]: one that drifts, and one for each level."""
+"""Lengths along the degradation rate [%]: a drift, and one discrepancy per level."""
 EVERYWHERE = 1e3
 ALIKE = (1.0, 0.0)
-"""Discrepancy of the other kinds of a family over that of the first."""
+"""Discrepancy of the other kinds of a family relative to that of the first."""
 SMALLEST = 1e-8
 """Share of the largest variance at which a kernel's directions are cut off."""
 
@@ -83,7 +82,7 @@ def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
 def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, Floats]]:
     """Yield family, label and a factor (n, r) of every kernel of relative size 1.
 
-    The discrepancy is in proportion to the given readings (n,); the factor is zero in readings of
+    The discrepancy is proportional to the given readings (n,); the factor is zero for readings of
     other families.
     """
     for family in dict.fromkeys(places.family.tolist()):
@@ -102,7 +101,7 @@ def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, 
 def _envelope(
     places: Places, mean: Floats, rows: NDArray[np.bool_], kinds: list[str], of_others: float
 ) -> Floats:
-    """Return the readings' size, but not nothing where they are small; 0 in other families."""
+    """Return the size of the readings, with a floor for small ones; 0 in other families."""
     envelope = np.zeros(len(mean))
     for number, kind in enumerate(kinds):
         own = rows & (places.kind == kind)
@@ -112,7 +111,7 @@ def _envelope(
 
 
 def _shapes(places: Places) -> Iterator[tuple[str, Floats]]:
-    """Return what a discrepancy of one family may be a function of, each (n, n)."""
+    """Return the correlations that a discrepancy of one family may have, each (n, n)."""
     along = places.along / max(float(np.ptp(places.along)), 1e-12)
     levels = len(np.unique(places.level.round(6)))
 
@@ -143,16 +142,16 @@ def _root(kernel: Floats) -> Floats:
 
 
 AMPLITUDES = np.geomspace(0.005, 1.0, 25)
-REPLICATES = 200  # of pure noise, for what chance gives
+REPLICATES = 200  # noise-only data sets, for the distribution by chance
 FEWEST = round(1.0 / MISFIT_LEVEL) - 1
-"""Simulated data sets below which no p-value could reach that level, however large the misfit."""
+"""Fewest simulated data sets with which a p-value can reach that level."""
 LARGE = 0.5
-"""Size of a discrepancy, over that of the readings, that any test of a model must show."""
+"""Relative size of a discrepancy that a test of a model must be able to detect."""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a model leaves unexplained of its readings.
+    """The misfit of a model.
 
     Parameters
     ----------
@@ -184,12 +183,12 @@ class Misfit:
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether enough data could be simulated to tell misfit from chance."""
+        """Whether enough data could be simulated for a p-value."""
         return not np.isnan(self.p_value)
 
     @property
     def by_chance(self) -> float:
-        """What the statistic is by chance on average [nats]; 0 where no data were simulated."""
+        """Mean of the statistic by chance [nats]; 0 if no data were simulated."""
         return float(np.mean(self.null)) if len(self.null) else 0.0
 
 
@@ -232,10 +231,10 @@ def resolved(
     most: int,
     level: float = MISFIT_LEVEL,
 ) -> Misfit:
-    """Simulate more data until it is clear on which side of a level the p-value is.
+    """Simulate more data until the p-value is clearly on one side of a level.
 
-    Each round doubles the number of data sets. With few, chance would decide the outcome where the
-    p-value is near the level.
+    Each round doubles the number of data sets. With few, chance would decide the outcome of a
+    p-value near the level.
 
     Parameters
     ----------
@@ -263,15 +262,15 @@ def resolved(
 
 
 def power(linear: Linear) -> float:
-    r"""Return how often a misfit of half the readings' size would be more than chance gives.
+    r"""Return the power of the test for a misfit of half the readings' size.
 
     With z ~ N(0, 1 + a² v) along the direction in which a smooth discrepancy of relative size a is
-    seen best, v its variance there on the whitened scale,
+    most visible, v its variance there on the whitened scale,
 
     .. math:: 2 \Phi\left(\frac{\Phi^{-1}(p/2)}{\sqrt{1 + a^2 v}}\right), \qquad a = 0.5,
 
-    at the level p = `MISFIT_LEVEL`. Of a single reading, which the parameters can meet whatever it
-    is, little more than p is left; of a curve it is nearly 1.
+    at the level p = `MISFIT_LEVEL`. For a single reading, which the parameters can always match, it
+    is little more than p; for a curve it is nearly 1.
 
     Parameters
     ----------
@@ -292,9 +291,9 @@ def power(linear: Linear) -> float:
 
 
 def explained(before: Misfit, after: Misfit) -> float:
-    """Return the share of the misfit statistic, less what chance gives, that a cause removes.
+    """Return the share of the misfit statistic beyond chance that a cause removes.
 
-    nan where there is no more misfit than chance gives.
+    nan if the misfit does not exceed chance.
 
     Examples
     --------
@@ -311,10 +310,10 @@ def explained(before: Misfit, after: Misfit) -> float:
 
 
 def explained_on_one_scale(before: Linear, after: Linear) -> float:
-    """Return the share of the misfit that is removed, both measured against the errors of `after`.
+    """Return the removed share of the misfit, with both models at the errors of `after`.
 
-    A model that lacks a cause widens its errors and scatter until the misfit looks small; against
-    the errors of the model that has it, it does not. nan as in `explained`.
+    A model that lacks a cause widens its errors and scatter until the misfit looks small, but not
+    with the errors of the model that has it. nan as in `explained`.
     """
     generator = np.random.default_rng(0)
     left = []
@@ -332,7 +331,7 @@ def explained_on_one_scale(before: Linear, after: Linear) -> float:
 def largest_ratio(
     whitened: Floats, kernels: tuple[Discrepancy, ...]
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the largest log-likelihood ratio over kernels and amplitudes, and which it was.
+    """Return the largest log-likelihood ratio over kernels and amplitudes, and its kernel.
 
     Parameters
     ----------
@@ -358,11 +357,11 @@ def _posterior_mean(linear: Linear, kernel: Discrepancy, amplitude: float) -> Fl
 
 
 def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
-    """Return the 90 % interval of a parameter where the best discrepancy is added to the errors.
+    """Return the 90 % interval of a parameter with the best discrepancy added to the errors.
 
     In the linearised model, with δ ~ N(δ₀, Λ⁻¹) and readings of covariance V + K: K is the
-    covariance of the most probable of the discrepancies that measure the misfit. It is no remedy:
-    what of a misfit looks like a change of the parameter is still taken for one.
+    covariance of the most probable of the discrepancies that measure the misfit. It is not a
+    remedy: the part of a misfit that looks like a change of the parameter is still taken for one.
     """
     linear, subject, jacobian = trial.linear, trial.subject, trial.linear.jacobian
     kernels = discrepancies(linear)

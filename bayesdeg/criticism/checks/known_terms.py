@@ -1,14 +1,14 @@
-r"""Which terms a model could lack: products of known functions of what the experiment set or read.
+r"""Candidate missing terms: products of known functions of set or measured quantities.
 
 A term changes the readings y of one family by
 
 .. math:: \Delta = b\, a\, f\, g, \qquad
     a \in \{ y,\; y_{max},\; x_{max}\, \partial y / \partial x \},
 
-b its size: in proportion to the reading, as a shift of the reading, or as a shift of the path x at
-which it was taken. f is a function of the load or of the reading itself, g one of the state of the
-specimen or of the history of the test; either may be 1. Every f and g has no dimension and is a
-power, a logarithm, a part above, below or between values, a wave, or the membership of a group:
+b its size: proportional to the reading, a shift of the reading, or a shift of the path x. f is a
+function of the load or of the reading itself, g one of the state of the specimen or of the history
+of the test; either may be 1. Every f and g is dimensionless and is a power, a logarithm, a part
+above, below or between values, a wave, or the membership of a group:
 
 ====================  =====================================================================
 of the load           path x over its largest; pressure over the modulus of the specimen,
@@ -18,9 +18,9 @@ of state and history  degradation rate, time, humidity, cycle, branch, mount, mo
                       batch, one degradation rate of several
 ====================  =====================================================================
 
-What one specimen alone does is no term: nothing held out could confirm it.
+An effect in a single specimen is not a term: no held-out data could confirm it.
 
-A term is offered only if it is none that parameters of the model could take up:
+A term is considered only if the parameters of the model cannot absorb it:
 
 .. math:: |F^{-1} d|^2 \ge 0.1\, |B^{-1} d|^2,
 
@@ -49,19 +49,19 @@ Flags = NDArray[np.bool_]
 Labels = NDArray[np.str_]
 
 LEAST_LEFT = 0.1
-"""Share of a term's square that parameters must leave of it: below, nine tenths of what it does, a
-change of the parameters within their priors does too."""
+"""Least share of a term's square that parameters cannot absorb: below it, a change of the
+parameters within their priors reproduces nine tenths of the term."""
 ALIKE = 1.0 - 1e-6
-"""Cosine from which two terms are the same readings, of which the simpler is kept."""
+"""Cosine above which two terms are equivalent; the simpler is kept."""
 PARTS = (0.25, 0.5, 0.75)
-"""Of the largest load or reading: where one that begins or ends may do so."""
+"""Fractions of the largest load or reading at which a term may begin or end."""
 WAVES = (1, 2)
-"""Waves along the whole path; shorter ones are as long as reading errors stay alike."""
-SHARED = 2  # specimens of a group from which it is one
+"""Waves along the whole path; shorter ones match the correlation length of reading errors."""
+SHARED = 2  # fewest specimens of a group
 
 
 class Acts(StrEnum):
-    """On what a term acts."""
+    """The quantity that a term changes."""
 
     FACTOR = "factor"
     SHIFT = "shift"
@@ -82,7 +82,7 @@ class Form(StrEnum):
 
 
 class Quantified(NamedTuple):
-    """How a quantity is written: its name, its symbol, and its unit."""
+    """Notation of a quantity: name, symbol and unit."""
 
     column: str
     symbol: str
@@ -94,7 +94,7 @@ PATHS: Mapping[str, Quantified] = {
     FILM: Quantified("strain", "(λ − 1)"),
 }
 AT_REST: Mapping[str, float] = {FILM: 1.0}
-"""Where the path of a family begins, if not at 0."""
+"""Start of the path of a family, if not 0."""
 READ: Mapping[str, tuple[str, str]] = {
     CURVATURE: ("κ", "1/m"),
     ANGLE: ("φ", "°"),
@@ -116,7 +116,7 @@ SIZE = "size"
 
 
 class KnownColumns(NamedTuple):
-    """What is known of each reading, by the names of columns; all arrays of one shape.
+    """Known quantities of each reading by column; all arrays of one shape.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class KnownColumns(NamedTuple):
 
 @dataclass(frozen=True)
 class KnownFunction:
-    """A function of one known quantity, without dimension.
+    """A dimensionless function of one known quantity.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class KnownFunction:
     group: str = ""
 
     def at(self, known: KnownColumns) -> Floats:
-        """Return its values, of the shape of what is known.
+        """Return its values, in the shape of the known quantities.
 
         Examples
         --------
@@ -187,7 +187,7 @@ class KnownFunction:
 
     @property
     def formula(self) -> str:
-        """How it is written.
+        """Its notation.
 
         Examples
         --------
@@ -215,7 +215,7 @@ class KnownFunction:
                 return f"{wave}(2π {name}/{self._value(self.scale / self.end)})"
 
     def _over(self, above: str) -> str:
-        """Write a quotient; what has no unit and is divided by 1 stays as it is."""
+        """Write a quotient; a dimensionless quantity divided by 1 is written alone."""
         below = self._value(self.scale)
         return above if below == "1" else f"({above}/{below})"
 
@@ -225,7 +225,7 @@ class KnownFunction:
 
 @dataclass(frozen=True)
 class KnownTerm:
-    """A term that may be missing.
+    """A candidate missing term.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ class KnownTerm:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What it is a function of, beside what it acts on."""
+        """Quantities that it depends on, besides the one it changes."""
         found = [one.of.column for one in self.functions]
         return tuple(
             dict.fromkeys([*found, *([self.path.column] if self.acts is Acts.PATH else [])])
@@ -263,12 +263,12 @@ class KnownTerm:
 
     @property
     def complexity(self) -> int:
-        """Number of functions in it, and one more where it is of some kinds of the family alone."""
+        """Number of its functions, plus one if it acts only on some kinds of the family."""
         return len(self.functions) + (len(self.kinds) < len(self.scales))
 
     @property
     def simplicity(self) -> tuple[int, int, int]:
-        """Order of terms that fit alike: functions, those that are not linear, what it acts on."""
+        """Sort key of terms that fit equally well: functions, nonlinear ones, quantity changed."""
         bent = sum(one.form is not Form.POWER or one.end > 1 for one in self.functions)
         return self.complexity, bent, list(Acts).index(self.acts)
 
@@ -281,14 +281,14 @@ class KnownTerm:
 
     @property
     def per_unit(self) -> float:
-        """Size, in its unit, of a term whose direction is taken once."""
+        """Size, in its unit, for a direction with coefficient 1."""
         if self.acts is Acts.PATH:
             return self.longest
         return 1.0 if self.acts is Acts.FACTOR else self.scales[self.kinds[0]][0]
 
     @property
     def formula(self) -> str:
-        """How the readings are written with it, b its size.
+        """Formula of the readings with it, b its size.
 
         Examples
         --------
@@ -312,7 +312,7 @@ class KnownTerm:
         )
 
     def change(self, kind: str, known: KnownColumns, reading: Floats, slope: Floats) -> Floats:
-        """Return what it does to readings of one kind where it is taken once.
+        """Return its effect on readings of one kind, with coefficient 1.
 
         Parameters
         ----------
@@ -337,7 +337,7 @@ class KnownTerm:
 
 @dataclass(frozen=True)
 class KnownTerms:
-    """All terms that are offered to a linearised model.
+    """All candidate terms of a linearised model.
 
     Parameters
     ----------
@@ -357,12 +357,12 @@ class KnownTerms:
     penalty: Floats
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return their number."""
         return len(self.terms)
 
 
 def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> KnownTerms:
-    """Return the terms that a linearised model may lack and that its parameters leave to be seen.
+    """Return the candidate terms of a linearised model that its parameters cannot absorb.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> Kno
 
 
 def _offered(linear: Linear, terms: Sequence[KnownTerm], directions: Floats) -> KnownTerms:
-    """Return the terms that parameters leave to be seen, each kind of readings once."""
+    """Return the terms that parameters cannot absorb, without equivalent ones."""
     whitened = linear.whiten_columns(directions)
     own = linear.whitening.inverse @ directions
     square, whole = np.sum(whitened**2, axis=0), np.sum(own**2, axis=0)
@@ -421,8 +421,8 @@ def _direction(
 def slopes_along(places: Places, readings: Floats) -> Floats:
     """Return ∂y/∂x of readings along the path on which they were taken, (n,).
 
-    By differences between neighbours of the same specimen, kind and history; 0 of a reading that
-    has none.
+    From differences between neighbours of the same specimen, kind and history; 0 for a reading
+    without neighbours.
 
     Examples
     --------
@@ -444,7 +444,7 @@ def slopes_along(places: Places, readings: Floats) -> Floats:
 
 
 def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownColumns:
-    """Return what is known of the readings of one family, each (k,)."""
+    """Return the known quantities of the readings of one family, each (k,)."""
     places = linear.subject.places.subset(rows)
     path = path_of(linear, places)
     tops = _tops(places, linear.prediction[rows])
@@ -471,7 +471,7 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownCo
 
 
 def path_of(linear: Linear, places: Places) -> Quantified:
-    """Return what readings of one family are taken along."""
+    """Return the path of the readings of one family."""
     family = str(places.family[0])
     if family in PATHS:
         return PATHS[family]
@@ -495,7 +495,7 @@ def _tops(places: Places, readings: Floats) -> dict[str, float]:
 
 
 def _lag(places: Places) -> Floats:
-    """Return how far the path is below its largest value so far, in the order of the readings."""
+    """Return the distance of the path below its largest value so far, in order of the readings."""
     found = np.zeros(len(places))
     keys = np.char.add(np.char.add(places.specimen, "\n"), places.kind)
     for key in np.unique(keys):
@@ -505,7 +505,7 @@ def _lag(places: Places) -> Floats:
 
 
 def _modulus(linear: Linear, places: Places) -> Floats | None:
-    """Return 6 C1 at the degradation rate of each reading [MPa]; None where it is no pressure."""
+    """Return 6 C1 at the degradation rate of each reading [MPa]; None if x is not a pressure."""
     model = linear.subject
     if places.family[0] != ACTUATOR or not isinstance(model.world, FilmsAndActuators):
         return None
@@ -515,14 +515,14 @@ def _modulus(linear: Linear, places: Places) -> Floats | None:
 
 
 def _rates(places: Places) -> Labels:
-    """Return the degradation rate of the group to which each belongs, as it is written."""
+    """Return the formatted degradation rate of the group of each reading."""
     unit = " %" if places.family[0] in PATHS else ""
     centres, member = levels(places.level)
     return np.array([f"{centre:.3g}{unit}" for centre in centres])[member]
 
 
 def _histories(places: Places) -> Labels | None:
-    """Return branch, cycle and mount of each reading; None where histories are of another kind."""
+    """Return branch, cycle and mount of each reading; None for histories of a different kind."""
     words = [history.split() for history in places.history.tolist()]
     if any(len(one) != 3 or not one[1].isdigit() for one in words):
         return None
@@ -546,7 +546,7 @@ def _terms_of(linear: Linear, rows: Flags, known: KnownColumns) -> Iterator[Know
 
 
 def _go_together(load: KnownFunction, state: KnownFunction) -> bool:
-    """Return whether a product is tried: that of a group only with a trend."""
+    """Return whether a product is tried: groups are combined only with trends."""
     return state.form is not Form.MEMBER or (load.form is Form.POWER and load.end == 1)
 
 
@@ -616,7 +616,7 @@ def _groups(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     for column, labels in known.labels.items():
         groups = [str(name) for name in np.unique(labels) if name]
         if len(groups) == 2 and column in (BRANCH.column, MOUNT.column):
-            groups = groups[1:]  # one is what the other is not
+            groups = groups[1:]  # one group is the complement of the other
         for group in groups if len(np.unique(labels)) > 1 else ():
             if len(np.unique(places.specimen[labels == group])) >= SHARED:
                 yield KnownFunction(names[column], Form.MEMBER, group=group)

@@ -1,16 +1,16 @@
-r"""In which columns a misfit sits: its share, sign and size for each level of each column.
+r"""Columns with the misfit: its share, sign and size for each level of each column.
 
-Each level of a column (a third of the path, a degradation rate, a branch, a mount, a specimen …) is
-given a scale and a trend along the path of its own, directions W on the whitened scale, for every
-kind of reading in the family. What a column gains in log-likelihood, less what it gains in data
-simulated from the model,
+Each level of a column (a third of the path, a degradation rate, a branch, a mount, a specimen …)
+gets its own scale and trend along the path, directions W on the whitened scale, for every kind of
+reading in the family. The gain of a column in log-likelihood, less its mean gain in data simulated
+from the model,
 
 .. math:: \tfrac12 |Q^T z|^2 - \overline{\tfrac12 |Q^T z^{sim}|^2}, \qquad
     Q \text{ orthonormal, of the span of the } W \text{ of its levels},
 
-over the largest that is gained by any column or by the smooth discrepancy that measures the misfit,
-is the share of the column; that of a level is the same of its own directions. Columns that go
-together share what they have in common: shares do not add up.
+divided by the largest gain of any column or of the smooth discrepancy that measures the misfit, is
+the share of the column; that of a level uses its own directions. Correlated columns account for the
+same misfit, so shares do not add up.
 
 Sign and size are those of e = V C⁻¹ (y − mean), the errors and scatter left after the parameters
 are fitted again (`criticism.fit.linear.Linear.unexplained`), on average over the readings of the
@@ -42,13 +42,13 @@ from bayesdeg.criticism.fit.linear import Linear
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-PARTS = 3  # of a column of numbers, with as many readings each
-FAINT = 1e-6  # of the largest: a direction that the others hold
+PARTS = 3  # equal-count parts of a numeric column
+FAINT = 1e-6  # relative to the largest: a direction spanned by the others
 
 
 @dataclass(frozen=True)
 class LevelMisfit:
-    """What one level of a column has of a misfit.
+    """The misfit in one level of a column.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class LevelMisfit:
 
 @dataclass(frozen=True)
 class ColumnMisfit:
-    """What the levels of one column have of a misfit.
+    """The misfit in the levels of one column.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def misfit_columns(
     *,
     batches: Mapping[str, str] | None = None,
 ) -> tuple[ColumnMisfit, ...]:
-    """Return what of a misfit each column has, the largest share first.
+    """Return the misfit by column, the largest share first.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def misfit_columns(
 def _columns(
     linear: Linear, rows: Flags, batches: Mapping[str, str]
 ) -> Iterator[tuple[str, NDArray[np.str_]]]:
-    """Yield columns with the level of each reading of the family, where there are several."""
+    """Yield columns with several levels, and the level of each reading of the family."""
     places, known = linear.subject.places.subset(rows), known_of(linear, rows, batches)
     path = path_of(linear, places)
     numbers = ((path.column, path.unit), (TIME.column, TIME.unit), (HUMIDITY.column, HUMIDITY.unit))
@@ -154,7 +154,7 @@ def _columns(
 
 
 def _thirds(values: Floats, unit: str) -> NDArray[np.str_]:
-    """Return in which third of the readings each lies, by the ends of the third."""
+    """Return the third of the readings that each belongs to, labelled by its ends."""
     inner = np.quantile(values, np.arange(1, PARTS) / PARTS)
     part = np.searchsorted(inner, values)
     names = np.full(len(values), "", dtype="<U40")
@@ -206,7 +206,7 @@ def _directions(linear: Linear, own: Flags) -> Floats:
 
 
 def _gain(linear: Linear, directions: Floats, data: Floats) -> float:
-    """Return what directions gain in log-likelihood of the first data set, less chance [nats]."""
+    """Return the gain of directions in log-likelihood of the first data set, less chance [nats]."""
     whitened = linear.whiten_columns(directions)
     vectors, values, _ = np.linalg.svd(whitened, full_matrices=False)
     basis = vectors[:, values > FAINT * values[0]]

@@ -1,4 +1,4 @@
-r"""What the missing term would look like: the few known terms that would remove a misfit.
+r"""Search for the few terms in known quantities that would remove a misfit.
 
 On the whitened scale of a linearised model, its parameters integrated out, data without a misfit
 are z ~ N(0, I). A term of direction w [`known_terms`] gains the log-likelihood (wᵀz)²/(2|w|²), and
@@ -6,20 +6,20 @@ as there are many, those of each complexity share a prior alike (Scott and Berge
 
 .. math:: s = \max_j \left( \frac{(w_j^T z)^2}{2 |w_j|^2} - \ln m_j \right),
 
-m_j the number of terms as complex as j. The best is taken, then the best of what it leaves, with
+m_j the number of terms as complex as j. The best is taken, then the best for the remainder, with
 all directions made orthogonal to it (orthogonal matching pursuit; Pati et al. 1993), two at most.
 
-How many are terms and not chance: the same maximum over the whole dictionary is taken of data
-simulated from the fitted model, at each step with the same terms taken out. Its share that is as
-large is the p-value of the step, adjusted for all terms that were tried (Westfall and Young 1993),
-and the search ends at the first above 5 %: so in at most 5 % of studies without a misfit a term is
-given at all. This keeps the dependence between terms, which are alike by construction; knockoffs
+Significance: the same maximum over the whole dictionary is computed for data simulated from the
+fitted model, at each step with the same terms taken out. The share of simulated sets with as large
+a maximum is the p-value of the step, adjusted for all terms that were tried (Westfall and Young
+1993), and the search ends at the first above 5 %: so at most 5 % of studies without a misfit yield
+a term. This accounts for the dependence between terms, which are similar by construction; knockoffs
 (Barber and Candès 2015) would need more readings than twice the terms, or the law of the terms,
-and here they are fixed by the design.
+which here are fixed by the design.
 
-What the steps give is then held out: the whole search is repeated without some specimens, which are
-predicted with as many terms as it found, and one term more is given only where that raises their
-log predictive density by more than a standard error.
+The result is then validated: the whole search is repeated without some specimens, which are
+predicted with as many terms as it found, and one more term is given only if it raises their log
+predictive density by more than a standard error.
 
 References
 ----------
@@ -45,18 +45,18 @@ from bayesdeg.criticism.fit.linear import Linear
 Floats = NDArray[np.float64]
 
 FALSE_TERMS = 0.05
-"""Share of data without a misfit in which a term may be given at all."""
+"""Share of data without a misfit in which a term may be given."""
 MOST_TERMS = 2
-"""More could hardly be read, and are not what the smallest description is."""
+"""Most terms: more would be hard to read and not the smallest description."""
 AS_GOOD = float(np.log(20.0))
-"""Odds up to which another term is as good: as of causes that cannot be told apart."""
+"""Odds up to which a different term is as good, as for causes that cannot be told apart."""
 BARELY = 1.0
-"""Lead of the best over a simpler term that is not worth a mention [nats] (Kass and Raftery 1995,
-doi:10.1080/01621459.1995.10476572): the simpler one is taken."""
-MOST_ALIKE = 5  # of those that are told
+"""Lead of the best over a simpler term below which the simpler one is taken [nats], "not worth more
+than a bare mention" (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
+MOST_ALIKE = 5  # most equivalent terms listed
 FOLDS = 9
-"""Groups of specimens that are held out in turn, at most: each fold searches the dictionary."""
-QUANTILE = 1.645  # of the normal law, of a 90 % interval
+"""Most groups of specimens held out in turn: each fold searches the dictionary."""
+QUANTILE = 1.645  # half-width of a 90 % interval of the normal law, in sd
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class MissingTerms:
 
     @property
     def is_chance(self) -> bool:
-        """Whether the best of all terms gains no more than chance gives."""
+        """Whether the best of all terms gains no more than chance."""
         return self.p_value > FALSE_TERMS
 
     @property
@@ -164,7 +164,7 @@ def missing_terms(
     *,
     batches: Mapping[str, str] | None = None,
 ) -> MissingTerms:
-    """Return the few known terms that would remove the misfit of a linearised model.
+    """Return the few terms that would remove the misfit of a linearised model.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def missing_terms(
 
 @dataclass(frozen=True)
 class Pick:
-    """What one step of the search takes.
+    """One step of the search.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ class Pick:
 def search_terms(
     offered: KnownTerms, observed: Floats, null: Floats, *, most: int = MOST_TERMS
 ) -> tuple[Pick, ...]:
-    """Return the best term, then the best beside it, as long as chance does not explain them.
+    """Return the best term, then the best in addition, while they exceed chance.
 
     Parameters
     ----------
@@ -254,13 +254,13 @@ def search_terms(
 
 
 def _simplest(offered: KnownTerms, gains: Floats) -> int:
-    """Return the simplest of the terms that gain hardly less than the best."""
+    """Return the simplest of the terms that gain almost as much as the best."""
     close = np.flatnonzero(gains > np.max(gains) - BARELY)
     return int(min(close, key=lambda i: (*offered.terms[i].simplicity, -gains[i])))
 
 
 def _given(picks: Sequence[Pick], held: Floats | None) -> int:
-    """Return how many terms are given: those beyond chance that held-out specimens confirm."""
+    """Return the number of terms given: beyond chance and confirmed by held-out specimens."""
     significant = len([one for one in picks if one.p_value <= FALSE_TERMS])
     if held is None:
         return significant
@@ -272,7 +272,7 @@ def _given(picks: Sequence[Pick], held: Floats | None) -> int:
 
 
 def _gain_of(held: Floats, place: int) -> tuple[float, float]:
-    """Return what one more term gains in all folds, and its standard error [nats]."""
+    """Return the gain of one more term in all folds, and its standard error [nats]."""
     own = held[:, place + 1] - held[:, place]
     return float(np.sum(own)), float(np.std(own, ddof=1) * np.sqrt(len(own)))
 
@@ -284,7 +284,7 @@ def _described(
     held: Floats | None,
     misfit: Misfit,
 ) -> tuple[MissingTerm, ...]:
-    """Return what is known of the terms that are given, their sizes fitted together."""
+    """Return the given terms, with sizes fitted jointly."""
     if not picks:
         return ()
     chosen = [one.index for one in picks]
@@ -331,7 +331,7 @@ def _term(
 
 
 def _largest(linear: Linear, term: KnownTerm, change: Floats) -> float:
-    """Return the largest change of a reading, over the largest reading of its kind."""
+    """Return the largest change of a reading relative to the largest reading of its kind."""
     kind = linear.subject.places.kind
     found = (np.max(np.abs(change[kind == one])) / term.scales[one][0] for one in term.kinds)
     return float(max(found))
@@ -350,7 +350,7 @@ def _alike(linear: Linear, offered: KnownTerms, pick: Pick) -> tuple[AlikeTerm, 
 
 
 def _shares(linear: Linear, whitened: Floats, misfit: Misfit) -> list[float]:
-    """Return the share of the misfit statistic, less chance, removed by the first terms of each."""
+    """Return the share of the misfit statistic beyond chance removed by the first k terms."""
     kernels, data = discrepancies(linear), [linear.observed]
     for count in range(1, whitened.shape[1] + 1):
         basis = np.linalg.qr(whitened[:, :count])[0]
@@ -363,7 +363,7 @@ def _shares(linear: Linear, whitened: Floats, misfit: Misfit) -> list[float]:
 
 @dataclass(frozen=True)
 class _Fold:
-    """Readings that are held out, and the law of the others and of these given the others."""
+    """Held-out readings, the law of the others, and their law given the others."""
 
     linear: Linear
     held: NDArray[np.bool_]
@@ -380,14 +380,14 @@ class _Fold:
         return np.asarray(solve_triangular(self.others, rest, lower=True))
 
     def conditional(self, columns: Floats) -> Floats:
-        """Return columns (n, k) of what is held out, less what the others say of it."""
+        """Return columns (n, k) of the held-out readings, less their prediction from the others."""
         covariance = self.linear.covariance
         cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
         return np.asarray(columns[self.held] - cross.T @ self.whitened(columns))
 
     @cached_property
     def own(self) -> Floats:
-        """Covariance of what is held out given the others."""
+        """Covariance of the held-out readings given the others."""
         covariance = self.linear.covariance
         cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
         return np.asarray(covariance[np.ix_(self.held, self.held)] - cross.T @ cross)
@@ -396,7 +396,7 @@ class _Fold:
 def _held_out(linear: Linear, offered: KnownTerms, most: int) -> Floats | None:
     """Return log densities of held-out readings with 0, 1 … terms found without them, (folds, k).
 
-    None where there are fewer than two groups to hold out, or nothing to try.
+    None with fewer than two groups to hold out, or nothing to try.
     """
     group = linear.subject.group
     names = [name for name in dict.fromkeys(group.tolist()) if name]

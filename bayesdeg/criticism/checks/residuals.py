@@ -1,23 +1,23 @@
-r"""Where the misfit sits: residuals, R² as the paper gives it, one sentence.
+r"""Where the misfit lies: residuals, R² as in the paper, and its description.
 
 With e the errors and scatter left after the parameters are fitted again
 (`criticism.fit.linear.Linear.unexplained`), every statistic is a projection of e, scaled so
-that the effect it is named after has the size it states. Since e = V C⁻¹ (y − mean) is linear in
+that its value is the size of the effect it is named after. Since e = V C⁻¹ (y − mean) is linear in
 the whitened data z, so is the projection:
 
 .. math:: T = \omega^T z .
 
-Two ways lead to ω: generalised least squares with further directions fitted beside, which has the
-smallest variance, and a plain functional of e such as an area.
+ω comes either from generalised least squares with further directions fitted jointly, which has the
+smallest variance, or from a plain functional of e such as an area.
 
-Each group of readings is given a scale and a trend along the path of its own, directions W on the
-whitened scale. What it gains in log-likelihood at the best sizes,
+Each group of readings gets its own scale and trend along the path, directions W on the whitened
+scale. Its gain in log-likelihood at the best sizes,
 
 .. math:: g = \tfrac12 |Q^T z|^2, \qquad Q \text{ orthonormal, of the span of } W,
 
-is set against the misfit statistic, which is a log-likelihood ratio too, and against what the best
-of all groups gains in data simulated from the model. Degradation rates, mounts, modes of tension
-and all readings together compete: where one of these is better, no group is told of.
+is compared with the misfit statistic, which is also a log-likelihood ratio, and with the gain of
+the best of all groups in data simulated from the model. Degradation rates, mounts, modes of
+tension and all readings together compete: if one of these is better, no group is reported.
 """
 
 from collections.abc import Callable, Iterator
@@ -61,7 +61,7 @@ class CurvatureFit:
 def predict_readings(
     model: JointModel, chain: Chain, generator: np.random.Generator, *, draws: int = 400
 ) -> CurvatureFit:
-    """Return posterior predictions at the conditions of the data; nan where no draw has any."""
+    """Return posterior predictions at the conditions of the data; nan if no draw has any."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[generator.integers(len(flat), size=draws)])
     mean = _known(model.curvature(values).curvature, partial(np.nanmean, axis=0))
@@ -71,13 +71,13 @@ def predict_readings(
 
 
 def _known(drawn: Floats, summary: Callable[[Floats], ArrayLike]) -> Floats:
-    """Return a summary over draws, (n_draws, ...), and nan where none of them is a number."""
+    """Return a summary over draws, (n_draws, ...); nan where none is finite."""
     known = np.any(np.isfinite(drawn), axis=0)
     return np.where(known, summary(np.where(known, drawn, 0.0)), np.nan)
 
 
 def r_squared(measured: Floats, predicted: Floats) -> float:
-    """Return R² = 1 − SSE/SST on pooled points; nan where all measured are the same.
+    """Return R² = 1 − SSE/SST on pooled points; nan if all measured values are equal.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def r_squared(measured: Floats, predicted: Floats) -> float:
 def level_table(
     model: JointModel, fit: CurvatureFit, published: dict[float, float]
 ) -> pd.DataFrame:
-    """Return R² and RMS of the residuals per level and over all, beside published R².
+    """Return R² and rms residual per level and over all, with published R².
 
     Columns: ``degradation_pct``, ``n``, ``r_squared``, ``rms_per_m``, ``published_r_squared``.
     """
@@ -127,7 +127,7 @@ def _level_row(
 
 @dataclass(frozen=True)
 class CurvatureDeparture:
-    """Where measured curvature is furthest off: the third of the pressures with the largest mean.
+    """Where measured curvature departs most: the third of the pressures with the largest mean.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class CurvatureDeparture:
 
 @dataclass(frozen=True)
 class StressDeparture:
-    """By how much measured stress is off in each mode of tension, the worst first.
+    """Departure of measured stress in each mode of tension, the worst first.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class StressDeparture:
 
 @dataclass(frozen=True)
 class ReadingsDeparture:
-    """Where readings of another kind are furthest off: the third of their path that is worst.
+    """Where readings of other kinds depart most: the worst third of their path.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def where(model: JointModel, residual: Floats, noise: float) -> CurvatureDepartu
 
 
 def where_films(linear: Linear) -> StressDeparture:
-    """Return in which mode of tension stresses are off, and by how much."""
+    """Return the departures of stresses by mode of tension."""
     rows = linear.subject.places.kind == STRESS
     places = linear.subject.places.subset(rows)
     residual = (linear.subject.observed - linear.prediction)[rows]
@@ -249,7 +249,7 @@ def where_films(linear: Linear) -> StressDeparture:
 
 
 def where_readings(linear: Linear, kind: str, unit: str) -> ReadingsDeparture:
-    """Return how far readings of one kind are off, and where on their path most.
+    """Return the departure of readings of one kind, and where on their path it is largest.
 
     Parameters
     ----------
@@ -274,12 +274,12 @@ def _mean(values: Floats, mask: NDArray[np.bool_], row: int | None = None) -> fl
 
 
 INSEPARABLE = 1e-6
-"""Share of a direction's square left beside others, below which it is none of its own."""
+"""Least share of a direction's square, after removing others, for it to count separately."""
 
 
 @dataclass(frozen=True)
 class ResidualStatistic:
-    """What is computed of whitened data, and what it means.
+    """A statistic of whitened data and its meaning.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ def regression(linear: Linear, direction: Floats, *beside: Floats) -> Floats | N
     .. math:: \omega = w_\perp / |w_\perp|^2, \qquad w_\perp = (I - P_B)\, L^{-1} d
 
     with d the direction, L the Cholesky factor of the readings' covariance with the parameters
-    integrated out, and P_B the projection on the directions fitted beside.
+    integrated out, and P_B the projection on the directions fitted jointly.
 
     Parameters
     ----------
@@ -407,10 +407,10 @@ def between_specimens(
 
 
 def misfit_frame(linear: Linear, misfit: Misfit, model: str) -> pd.DataFrame:
-    """Return what the measured discrepancy is at each reading, and what scatters about it.
+    """Return the measured discrepancy at each reading, and the residual about it.
 
-    The residual is that of a fit which has the discrepancy beside the parameters, so that points
-    scatter about the curve by error and specimens alone.
+    The residual is from a joint fit of discrepancy and parameters, so that points scatter about the
+    curve only by errors and specimens.
 
     Parameters
     ----------
@@ -447,15 +447,15 @@ def misfit_frame(linear: Linear, misfit: Misfit, model: str) -> pd.DataFrame:
 Flags = NDArray[np.bool_]
 
 BRANCH, CYCLE, HOLD, SPECIMEN, OTHER = "branch", "cycle", "hold", "specimen", ""
-RARE = 0.02  # p-value up to which more than chance sits in a group
-MOST = 0.5  # share of the misfit statistic from which it dominates
-MORE = 1.25  # of its share of the readings, which it must exceed by this factor
-FEW, FEW_OF_ALL = 3, 0.25  # specimens that are still a few
+RARE = 0.02  # p-value up to which a group has more of the misfit than by chance
+MOST = 0.5  # share of the misfit statistic above which a group dominates
+MORE = 1.25  # factor by which it must exceed its share of the readings
+FEW, FEW_OF_ALL = 3, 0.25  # most specimens that count as a few
 
 
 @dataclass(frozen=True)
 class Concentration:
-    """Where most of a misfit sits.
+    """Concentration of most of a misfit.
 
     Parameters
     ----------
@@ -491,7 +491,7 @@ class _Group:
 
 
 def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concentration | None:
-    """Return the branch, cycle, hold or few specimens in which most of a misfit sits, if any.
+    """Return the branch, cycle, hold or few specimens with most of a misfit, if any.
 
     Parameters
     ----------
@@ -525,7 +525,7 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
 
 
 def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) -> tuple[_Group, ...]:
-    """Return the best group, with other specimens that stand out as it does; none if many do."""
+    """Return the best group, with other equally conspicuous specimens; None if there are many."""
     if groups[best].kind != SPECIMEN:
         return (groups[best],) if groups[best].kind else ()
     all_of_them = [i for i, group in enumerate(groups) if group.kind == SPECIMEN]
@@ -567,14 +567,14 @@ def _histories(places: Places, family: Flags) -> Iterator[_Group]:
 
 
 def _held(places: Places) -> Flags:
-    """Return which readings were taken at the pressure of the one before on the same path."""
+    """Return a mask of readings at the same pressure as the previous one on their path."""
     keys = np.stack([places.specimen, places.kind, places.history])
     same = np.all(keys[:, 1:] == keys[:, :-1], axis=0) & (np.diff(places.along) == 0.0)
     return np.append(False, same)
 
 
 def _gain(linear: Linear, groups: tuple[_Group, ...], data: Floats) -> Floats:
-    """Return what whitened data sets (k, n) gain by a scale and a trend of each group, (k,)."""
+    """Return the gain of whitened data sets (k, n) by scale and trend of each group, (k,)."""
     places, columns = linear.subject.places, []
     for group in groups:
         size = np.where(group.rows, linear.prediction, 0.0)

@@ -1,4 +1,4 @@
-"""Whether actuators burst where the model expects: calibrated by simulating them."""
+"""Test of ruptures against the model, calibrated by simulation."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from bayesdeg.inference.model import JointModel, replicate
 Floats = NDArray[np.float64]
 
 FEWEST = 19
-"""Simulated data sets below which no p-value could reach 0.05, from which ruptures are told of."""
+"""Fewest simulated data sets with which a p-value can reach 0.05, for judging ruptures."""
 
 
 @dataclass(frozen=True)
 class RuptureMisfit:
-    """How surprising the ruptures are.
+    """Result of the test of ruptures.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def rupture_misfit(
 
 
 def _deviances(model: JointModel, vectors: Floats) -> Floats:
-    """Return −2 ln of the ruptures' probability, (k,); readings that are nan play no part."""
+    """Return −2 ln of the ruptures' probability, (k,), ignoring nan readings."""
     with np.errstate(all="ignore"):
         state = model.state(model.table.named(vectors))
         densities = [o.log_likelihood(state) for o in model.observations if o.events is not None]
@@ -94,6 +94,6 @@ def _deviances(model: JointModel, vectors: Floats) -> Floats:
 
 
 def _events(model: JointModel) -> int | None:
-    """Return how many specimens met an event; None where none is recorded."""
+    """Return the number of specimens with an event; None if none is recorded."""
     counts = [one.events for one in model.observations if one.events is not None]
     return sum(counts) if counts else None

@@ -1,8 +1,8 @@
-"""Whether specimens that a cause lets scatter one by one deviate level by level instead.
+"""Test whether specimens that a cause lets scatter independently deviate level by level.
 
-A cause that widens the scatter of degradation rates claims that every specimen is off by an amount
-of its own. A batch that was mixed wrongly, or stored elsewhere, is off as a whole: a wider scatter
-takes that up as well, and is not what happened.
+A cause that widens the scatter of degradation rates implies independent deviations of the
+specimens. A batch that was mixed wrongly or stored elsewhere deviates as a whole: a wider scatter
+absorbs that too, but is the wrong explanation.
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from bayesdeg.observations.kinds import Deviations
 Floats = NDArray[np.float64]
 
 SHARES = np.array([0.25, 0.5, 0.75, 0.95])
-"""Correlations of specimens of one level that are tried."""
+"""Tried correlations of specimens of one level."""
 
 
 @dataclass(frozen=True)
 class SharedScatter:
-    """How much better a scatter shared by the specimens of a level explains their readings.
+    """How much better a shared scatter explains the readings of a level's specimens.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class SharedScatter:
 
     @property
     def is_tested(self) -> bool:
-        """Whether there were data enough to test it."""
+        """Whether there were enough data for the test."""
         return not np.isnan(self.p_value)
 
     @property
@@ -100,7 +100,7 @@ def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
 
 
 def _added_scatter(trial: Trial, cause: Cause, own: Deviations) -> Floats:
-    """Return what one standard deviation of a cause's scatter does, whitened, (n, n_specimens)."""
+    """Return the whitened effect of one sd of a cause's scatter, (n, n_specimens)."""
     subject, linear = trial.subject, trial.linear
     unseen = ~is_seen(linear.whiten_columns(linear.jacobian))
     neutral = trial.mode.copy()

@@ -1,19 +1,19 @@
-r"""Statistics of actuators: what curves of curvature against pressure can show of a wrong model.
+r"""Statistics of residuals that reveal specific faults of a model.
 
-Curvatures and bend angles are looked at together but where they are compared. Sizes in percent are
-relative to the prediction; beside every one of them a ratio common to all readings is fitted.
+Curvatures and bend angles are used together unless they are compared. Sizes in percent are relative
+to the prediction; a ratio common to all readings is fitted jointly with each of them.
 
-Each statistic is computed alike of the data and of data sets simulated from the posterior, from
-residuals that know what a refit of the parameters would take up (`statistics_of_residuals`).
+Each statistic is computed in the same way for the data and for data sets simulated from the
+posterior, from residuals that allow for a refit of the parameters (`statistics_of_residuals`).
 With T₀ the median of them all,
 
 .. math:: p = \frac{1 + \#\{|T_k - T_0| \ge |T - T_0|\}}{1 + n}
 
-is two-sided and needs no law of T. Where many are looked at one will be small by chance: the
-adjusted p-values keep the chance of any false one at their level, by stepping down from the
-largest as Holm does, but with the dependence of the statistics as simulated (Westfall & Young
-1993; Ge, Dudoit & Speed 2003, doi:10.1007/BF02595811). So they can be as small as 1/(1 + n), and
-not only as the number of statistics over that.
+is two-sided and needs no distribution of T. Among many statistics one will be small by chance: the
+adjusted p-values keep the probability of any false one at their level, by stepping down from the
+largest as Holm does, but with the simulated dependence of the statistics (Westfall & Young
+1993; Ge, Dudoit & Speed 2003, doi:10.1007/BF02595811). So they can be as small as 1/(1 + n),
+whatever the number of statistics.
 """
 
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ Flags = NDArray[np.bool_]
 
 PERCENT = 0.01
 TOGETHER = 0.05
-"""Share of the trend with time that pressure must leave for time to be a cause of its own."""
+"""Share of the trend with time that must be independent of pressure to be attributed to time."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,12 @@ class Bench:
 
     @property
     def places(self) -> Places:
-        """Where all readings stand."""
+        """Return the places of all readings."""
         return self.linear.subject.places
 
     @cached_property
     def histories(self) -> NDArray[np.str_]:
-        """Branch, cycle and mount of each reading, (n, 3); empty where it is no actuator's."""
+        """Branch, cycle and mount of each reading, (n, 3); empty for other readings."""
         split = np.full((len(self.rows), 3), "", dtype=np.array(self.places.history).dtype)
         split[self.rows] = [history.split() for history in self.places.history[self.rows]]
         return split
@@ -101,7 +101,7 @@ class Bench:
 
 
 def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
-    """Return the statistics of actuators; none where there are none."""
+    """Return the statistics of actuators; empty without actuators."""
     if not np.any(linear.subject.places.family == ACTUATOR):
         return ()
     bench = Bench.of(linear)
@@ -238,7 +238,7 @@ def _scatter(bench: Bench) -> ResidualStatistic:
 
 
 def _of_one_rate(linear: Linear) -> tuple[str, str, str]:
-    """Return what is said of specimens that are alike: nothing where none degrades."""
+    """Return the words for specimens of one rate: empty if nothing degrades."""
     if not linear.subject.degrades:
         return "", "", ""
     rate = "one degradation rate"
@@ -315,7 +315,7 @@ def _shift_and_bend(pressure: Floats, size: Floats, largest: float) -> tuple[Flo
 
 
 def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
-    """Return the statistics of films in tension; none where there are none."""
+    """Return the statistics of films in tension; empty without films."""
     places = linear.subject.places
     rows = places.family == FILM
     if not rows.any():
@@ -336,7 +336,7 @@ def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
 
 
 def other_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
-    """Return statistics of readings that are neither actuators' nor films'."""
+    """Return statistics of readings on neither actuators nor films."""
     families = dict.fromkeys(linear.subject.places.family.tolist())
     found: list[ResidualStatistic] = []
     for family in families:
@@ -421,7 +421,7 @@ def _of_family(linear: Linear, family: str) -> list[ResidualStatistic]:
 def _trend(
     linear: Linear, size: Floats, values: Floats, *, family: str, along: str
 ) -> ResidualStatistic:
-    """Return the relative residual's change from the smallest to the largest of these values."""
+    """Return the change of the relative residual from the smallest to the largest value."""
     rows = (size != 0.0) & np.isfinite(values)
     extent = float(np.ptp(values[rows])) if rows.any() else 0.0
     projection = None
@@ -439,7 +439,7 @@ def _trend(
 
 
 FEWEST = 19
-"""Simulated data sets below which no p-value could reach 0.05."""
+"""Fewest simulated data sets with which a p-value can reach 0.05."""
 SIGNIFICANT = 0.05
 UNREMARKABLE = "as the model itself would show"
 
@@ -481,7 +481,7 @@ class Physical:
 
     @property
     def finding(self) -> str:
-        """The reading where it is significant among all statistics; else that it is not."""
+        """The interpretation if it is significant among all statistics; else that it is not."""
         if self.unavailable:
             return f"not available: {self.unavailable}"
         return self.reading if self.p_adjusted <= SIGNIFICANT else UNREMARKABLE
@@ -492,8 +492,8 @@ def statistics_table(
 ) -> tuple[Physical, ...]:
     """Compute every statistic and calibrate it, in the order of the catalogue.
 
-    Fewer than 19 finite data sets calibrate nothing: no p-value could reach 0.05. All statistics
-    are unavailable then, and say why.
+    With fewer than 19 finite data sets no p-value could reach 0.05. All statistics are then
+    unavailable, with the reason.
 
     Parameters
     ----------
@@ -532,11 +532,11 @@ def statistics_of(linear: Linear) -> tuple[ResidualStatistic, ...]:
 
 
 def frame(table: tuple[Physical, ...]) -> pd.DataFrame:
-    """Return the statistics as a table, the most remarkable first, those not available last.
+    """Return the statistics as a table, the most remarkable first, unavailable ones last.
 
     Columns: ``statistic``, ``value``, ``unit``, ``simulated_q05``, ``simulated_q95``, ``p_value``,
-    ``p_adjusted``, ``reading``, ``replicates``. The reading is that of the sign where the adjusted
-    p-value is at most 0.05; else it says that the value is unremarkable, or what it would need.
+    ``p_adjusted``, ``reading``, ``replicates``. The reading interprets the sign if the adjusted
+    p-value is at most 0.05; else it says that the value is unremarkable, or what is missing.
 
     Examples
     --------
@@ -561,7 +561,7 @@ def frame(table: tuple[Physical, ...]) -> pd.DataFrame:
 
 
 def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
-    """Return p-values that hold for all statistics together, by stepping down, (m,).
+    """Return p-values adjusted for all statistics, by stepping down, (m,).
 
     Parameters
     ----------
@@ -579,7 +579,7 @@ def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
     order = np.argsort(-observed)
     if len(order) == 0:
         return np.empty(0)
-    # of each rank: the largest distance among the statistics that are not more remarkable
+    # for each rank, the largest distance among the statistics that are not more remarkable
     largest = np.maximum.accumulate(simulated[order][::-1], axis=0)[::-1]
     stepped = np.maximum.accumulate(chance_of(observed[order], largest))
     adjusted = np.empty(len(order))
@@ -590,9 +590,9 @@ def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
 def _distance(values: Floats, squares: NDArray[np.bool_]) -> Floats:
     """Return distances from the median over the spread, (m, 1 + k).
 
-    The first column is of the data. It counts among the others for the median and the spread: so
-    data from the model are exchangeable with simulated ones, and p-values are exact. Mean squares
-    are compared by their cube roots, which are nearly normal (Wilson & Hilferty 1931).
+    The first column is of the data. It is included in the median and the spread, so data from the
+    model are exchangeable with simulated ones and p-values are exact. Mean squares are compared by
+    their cube roots, which are nearly normal (Wilson & Hilferty 1931).
     """
     scaled = values.copy()
     scaled[squares] = np.cbrt(values[squares])

@@ -1,28 +1,27 @@
-r"""Which specimens and readings do not belong with the rest of their study.
+r"""Outlying specimens and readings of a study.
 
-A mishap of the laboratory is of one specimen, of one picture or of one day, while a physical cause
-acts on all specimens that were tested alike. So every way in which readings are commonly wrong is a
-direction d in the readings, and what all specimens may have in common is made free: the parameters
-within their priors, and smooth functions of path, degradation rate, history and time. With z and
-:math:`w` the readings and the direction on the scale on which all of that and the scatter of
-specimens and errors is white,
+A laboratory mishap affects one specimen, one picture or one day, while a physical cause acts on all
+specimens tested in the same way. So every common fault of readings is a direction d in the
+readings, and everything that all specimens may have in common is left free: the parameters within
+their priors, and smooth functions of path, degradation rate, history and time. With z and
+:math:`w` the readings and the direction on the scale on which all of that, specimen scatter and
+errors are white,
 
 .. math:: y = f + X \beta + d\,\phi + e,\qquad t = w^T z / |w|, \qquad
           \hat\phi = w^T z / |w|^2 ,
 
-t is the deletion residual of the linear model: what a specimen departs by from a prediction in
-which it took no part. A mishap widens scatter and errors as long as it takes part in the
-calibration, which hides it. So what may be one is taken out first, by a loose threshold on scores
-that are divided by their median size; the model is calibrated without; errors of reading, which any
-misfit that specimens have in common makes wide and alike, and scatter are estimated with all that
-is common free; and what has been taken out is judged by them, with Student's law for a scatter that
-is known from few specimens, films among them, and a threshold such that one sound study in 100 has
-a suspect. That is repeated until nothing but what is found, or may be, has been left out: with the
-oddest sound specimens out scatter seems too small.
+t is the deletion residual of the linear model: the departure of a specimen from its prediction by
+the others. A mishap that takes part in the calibration widens scatter and errors, which hides it.
+So possible mishaps are removed first, with a loose threshold on scores divided by their median
+size; the model is calibrated without them; reading errors, which any common misfit makes wide and
+correlated, and scatter are estimated with everything common left free; and the removed data are
+judged by these, with Student's law for a scatter known from few specimens, films among them, and a
+threshold such that one sound study in 100 has a suspect. This is repeated until only suspects, or
+possible ones, are left out, since scatter seems too small without the oddest sound specimens.
 
 Sources: Cook and Weisberg (1982), Residuals and Influence in Regression, chapter 2, for the mean
 shift model and deletion residuals; Hadi and Simonoff (1993), doi:10.1080/01621459.1993.10476407,
-for the search from a sound part of the data outwards.
+for the search outwards from a sound part of the data.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -50,47 +49,47 @@ Flags = NDArray[np.bool_]
 LEVEL = 0.01
 """Probability that a study without a mishap has a suspect, over all hypotheses together."""
 DOUBTFUL = 0.1
-"""Probability, likewise, of what is left out of the calibration by which all is judged: with one
-mishap back in, errors seem wide enough for the next."""
+"""The same probability for exclusion from the calibration used for judging: with one mishap left
+in, errors seem wide enough to hide the next."""
 LOOSE = np.array([3.0, 3.0, 2.0, 4.5, 2.0])
-"""Scores, over their median size, from which on whole responses, other errors of specimens,
-groups, readings and the edge of the picture are left out at first: chance gives one every few
-studies, which costs a second."""
+"""Scores, over their median size, above which whole responses, other errors of specimens, groups,
+readings and the edge of the picture are left out at first: chance gives one every few studies,
+which costs a second."""
 NARROWER = 0.4
-"""Of the calibrated scatter of specimens, at first: the wider it is, the more of a specimen's
-departure is taken for what all have in common. Median sizes of scores make up for it."""
+"""Initial factor on the calibrated specimen scatter: the wider it is, the more of a specimen's
+departure is attributed to what all have in common. Median sizes of scores compensate for it."""
 MOST_SPECIMENS, MOST_READINGS = 1 / 3, 1 / 4
-"""Shares that are left out at most: what most specimens do is no mishap."""
+"""Largest shares that are left out: what most specimens do is not a mishap."""
 LEAST_SCALE = 0.3
-"""Of the median size of scores: errors were calibrated to at most three times their size."""
+"""Floor of the median size of scores: errors were calibrated to at most three times their size."""
 COMMON = 0.5
-"""Relative size of what all specimens tested alike may have in common: beyond any effect that is
-known to act on all."""
+"""Relative size of what all specimens tested in the same way may have in common: beyond any known
+common effect."""
 COMMON_SHAPES = (
     "the path, slowly, drifting with degradation",
     "the path, for each history of load",
 )
-TIME_CONSTANTS = (10.0, 100.0, 1000.0)  # s, of what goes on while an actuator is held
+TIME_CONSTANTS = (10.0, 100.0, 1000.0)  # s, time scales of processes while an actuator is held
 FEWEST = 4
-"""Specimens of a family from which on one can be told from the others."""
+"""Fewest specimens of a family for judging one by the others."""
 FEWEST_OF_SORT = 5
-"""Hypotheses of one sort from which on the median size of their scores says how wide they are."""
+"""Fewest hypotheses of one sort for estimating the width of their scores by the median."""
 NORMAL_MEDIAN = 0.6745
 EDGES = np.array([0.96, 0.98, 1.0])
-"""Edges of the picture, over the largest curvature that was read: beyond the edge it scatters about
-it by the errors of tracing."""
-ROUNDS = 5  # calibrations without what was found so far: mostly two tell the same
+"""Edges of the picture relative to the largest curvature read: beyond the edge readings scatter
+about it by the tracing errors."""
+ROUNDS = 5  # calibrations without the suspects so far: mostly two agree
 SMALL = 1e-9
 SPLITS = 10_000  # sets of sizes without groups, for the chance of two groups
-SMALLEST_GROUP = 3  # specimens; fewer are told one by one
+SMALLEST_GROUP = 3  # specimens; fewer are reported one by one
 STATED_DOF = 10
-"""With which the errors of reading count for how widely curvature over bend angle scatters, beside
-that scatter itself: lengths of specimens may differ by more than they are read to."""
+"""Weight of the reading errors in the scatter of curvature over bend angle, besides that scatter
+itself: lengths of specimens may differ by more than their reading errors."""
 LOOSE_GROUPS = 0.05  # chance of a group that is left out at first
 
 
 class Oddity(StrEnum):
-    """What is odd about readings."""
+    """Ways in which readings can be odd."""
 
     RESPONSE = "response"
     OFFSET = "offset"
@@ -116,7 +115,7 @@ OF_SPECIMENS = (
 
 @dataclass(frozen=True)
 class Irregularity:
-    """One way in which some readings may be wrong.
+    """One hypothesis of how some readings may be wrong.
 
     Parameters
     ----------
@@ -144,13 +143,13 @@ class Irregularity:
 
     @property
     def is_of_specimen(self) -> bool:
-        """Whether it is of whole specimens, whose number says how well a scatter is known."""
+        """Whether it concerns whole specimens, whose number limits how well scatter is known."""
         return self.oddity in OF_SPECIMENS
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """Readings that do not belong with the rest.
+    """Outlying readings.
 
     Parameters
     ----------
@@ -171,17 +170,16 @@ class Suspect:
 
 
 Refit = Callable[[Sequence[Suspect]], Floats | None]
-"""The mode, on the scale of the whole model, of a calibration without suspects; None if there is
-none."""
+"""The mode of a calibration without suspects, on the scale of the whole model, if any."""
 
 
-# ---- what may be wrong
+# ---- hypotheses
 
 
 def hypotheses(
     subject: JointModel, vector: Floats, batches: Iterable[tuple[str, ...]] = ()
 ) -> tuple[Irregularity, ...]:
-    """Return the ways in which readings of a model may be wrong.
+    """Return the hypotheses of wrong readings of a model.
 
     Parameters
     ----------
@@ -251,7 +249,7 @@ def _jumps(places: Places, own: Flags, name: str, prediction: Floats) -> Iterato
 
 
 def _cut_offs(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
-    """Yield that a path bends no further than to each of its readings."""
+    """Yield cut-offs of a path at each of its readings."""
     curved = own & (places.kind == CURVATURE)
     order = np.flatnonzero(curved)
     top = order[np.argmax(prediction[order])] if len(order) else 0
@@ -264,7 +262,7 @@ def _cut_offs(places: Places, own: Flags, name: str, prediction: Floats) -> Iter
 
 
 def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[Irregularity]:
-    """Yield that no specimen was seen beyond a curvature: the edge of the picture."""
+    """Yield curvatures beyond which no specimen was seen: the edge of the picture."""
     places = subject.places
     curved = rows & (places.kind == CURVATURE)
     if not curved.any():
@@ -279,7 +277,7 @@ def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[I
 
 
 def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
-    """Return the number of each reading along its specimen's path, by kind; −1 of others."""
+    """Return the index of each reading along its specimen's path, by kind; −1 for others."""
     step = np.full(len(places), -1)
     for kind in dict.fromkeys(places.kind[own].tolist()):
         rows = own & (places.kind == kind)
@@ -288,7 +286,7 @@ def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
 
 
 def _pictures(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
-    """Yield each reading, and all that were taken from one picture together."""
+    """Yield single readings, and all readings from one picture."""
     for at, taken in _taken_together(places, own):
         rows = np.zeros(len(places), dtype=bool)
         rows[taken] = True
@@ -302,7 +300,7 @@ def _pictures(places: Places, own: Flags, name: str, prediction: Floats) -> Iter
 
 
 def _taken_together(places: Places, own: Flags) -> Iterator[tuple[float, list[int]]]:
-    """Yield where on the path each picture was taken, and its readings."""
+    """Yield the place of each picture on the path, and its readings."""
     pictures: dict[tuple[float, str, float | None], list[int]] = {}
     for i in np.flatnonzero(own):
         time = float(places.time[i])
@@ -312,7 +310,7 @@ def _taken_together(places: Places, own: Flags) -> Iterator[tuple[float, list[in
 
 
 def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
-    """Return the specimens of each degradation rate, where there are several rates."""
+    """Return the specimens of each degradation rate, if there are several rates."""
     names, first = np.unique(places.specimen[rows], return_index=True)
     member = levels(places.level[rows][first])[1]
     if member.max(initial=0) < 2:
@@ -323,7 +321,7 @@ def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
 def _rounds(places: Places, rows: Flags) -> list[tuple[str, ...]]:
     """Return the first specimens of all degradation rates, the second, and so on.
 
-    Replicates that are numbered in the order of their tests are a round of them, often of one day.
+    Replicates with the same number in the order of tests form a round, often of one day.
     """
     order = {name: k for k, name in enumerate(dict.fromkeys(places.specimen[rows].tolist()))}
     rates = [sorted(one, key=lambda name: order[name]) for one in _levels(places, rows)]
@@ -344,7 +342,7 @@ def _of_batches(
 def _of_days(
     places: Places, rows: Flags, batches: tuple[tuple[str, ...], ...], prediction: Floats
 ) -> Iterator[Irregularity]:
-    """Yield that lengths of a batch or a round are wrong, where bend angles were read too."""
+    """Yield wrong lengths of a batch or a round, if bend angles were read too."""
     curved = rows & (places.kind == CURVATURE)
     for group in dict.fromkeys(batches) if np.any(rows & (places.kind == ANGLE)) else ():
         own = curved & np.isin(places.specimen, group)
@@ -357,7 +355,7 @@ def _of_days(
 
 @dataclass(frozen=True)
 class Scored:
-    """Readings and hypotheses on the scale on which all but mishaps is white.
+    """Readings and hypotheses on the scale on which everything but mishaps is white.
 
     Parameters
     ----------
@@ -387,7 +385,7 @@ class Scored:
         )
 
     def scores(self, whole: Floats) -> Floats:
-        """Return t of each hypothesis, (m,); 0 of one that the free ones leave nothing of.
+        """Return t of each hypothesis, (m,); 0 for one spanned by the free ones.
 
         Parameters
         ----------
@@ -402,7 +400,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class ReadingParts:
-    """What readings are made of near a point, with all that specimens have in common free.
+    """Components of the readings near a point, with common effects of specimens free.
 
     Parameters
     ----------
@@ -428,12 +426,12 @@ class ReadingParts:
 
     @property
     def is_finite(self) -> bool:
-        """Whether the model answers there."""
+        """Whether the model can be evaluated there."""
         parts = (self.residual, self.shared, self.specimens, self.errors)
         return all(bool(np.all(np.isfinite(part))) for part in parts)
 
     def whitening(self, scatter: float, error: Floats) -> Whitening:
-        """Return the scale on which readings are white, with deviations and errors so much wider.
+        """Return the whitening of readings, with deviations and errors scaled by factors.
 
         Parameters
         ----------
@@ -466,10 +464,10 @@ class ReadingParts:
         )
 
     def widths(self, beside: Floats | float = 0.0) -> "Widths":
-        """Return how wide deviations and errors are, most probably.
+        """Return the most probable widths of deviations and errors.
 
-        A misfit widens both in the calibration; what is common takes it up here. As the common
-        directions are integrated out, this is the restricted likelihood of variance components
+        A misfit widens both in the calibration; here the common directions absorb it. As these are
+        integrated out, this is the restricted likelihood of variance components
         (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545).
 
         Parameters
@@ -494,7 +492,7 @@ class ReadingParts:
 
 @dataclass(frozen=True)
 class Widths:
-    """How wide deviations of specimens and errors of reading are, over what was calibrated.
+    """Widths of specimen deviations and reading errors, relative to the calibrated ones.
 
     Parameters
     ----------
@@ -516,7 +514,7 @@ class Widths:
 
 
 FACTORS = np.geomspace(0.25, 1.25, 6)
-"""Of calibrated standard deviations: a misfit may have made them several times too wide."""
+"""Tried factors on calibrated standard deviations: a misfit may widen them severalfold."""
 SWEEPS = 2  # over scatter and errors, each given the others
 
 
@@ -533,9 +531,9 @@ def _peak(values: Floats) -> tuple[float, float]:
 
 
 def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -> Floats:
-    """Return the log density of films where stiffness scatters otherwise, at each of `FACTORS`.
+    """Return the log density of films for a scaled scatter of stiffness, at each of `FACTORS`.
 
-    Films and actuators of a study scatter alike: so says its model.
+    Films and actuators of a study have the same scatter in its model.
 
     Parameters
     ----------
@@ -559,7 +557,7 @@ def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -
 
 
 def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
-    """Return what the readings of a model are made of, linearised at a point.
+    """Return the components of the readings of a model, linearised at a point.
 
     Parameters
     ----------
@@ -587,7 +585,7 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
 
 
 def _stated_spread(subject: JointModel, vector: Floats) -> Floats:
-    """Return the variance of specimens' deviations that is left without scatter of stiffness."""
+    """Return the variance of specimen deviations without the scatter of stiffness."""
     values = dict(subject.table.named(vector[None]))
     if STIFFNESS_SCATTER.name not in values:
         return np.zeros_like(subject.deviations(vector).spread)
@@ -601,7 +599,7 @@ def scored(
     scatter: float = 1.0,
     errors: Mapping[str, float] | None = None,
 ) -> Scored:
-    """Return readings and hypotheses with all that specimens have in common made free.
+    """Return readings and hypotheses with common effects of specimens free.
 
     Parameters
     ----------
@@ -621,7 +619,7 @@ def scored(
 
 
 def _prior_widths(subject: JointModel) -> Floats:
-    """Return how far priors let each parameter go, on the sampler's scale, (n_parameters,)."""
+    """Return the prior width of each parameter on the sampler's scale, (n_parameters,)."""
     ends = np.array([0.1587, 0.8413])
     found = []
     for parameter in subject.table.parameters:
@@ -645,7 +643,7 @@ def _residual(subject: JointModel, vector: Floats, prediction: Floats) -> Floats
 
 
 def _common(places: Places, prediction: Floats) -> Iterator[Floats]:
-    """Yield directions that all specimens tested alike have in common, each (n, r)."""
+    """Yield directions common to all specimens tested in the same way, each (n, r)."""
     for _, label, root in discrepancy_roots(places, prediction):
         if label in COMMON_SHAPES:
             yield COMMON * root
@@ -664,7 +662,7 @@ def _common(places: Places, prediction: Floats) -> Iterator[Floats]:
 
 @dataclass(frozen=True)
 class Pool:
-    """Hypotheses of one study, and how their scores are held against chance.
+    """Hypotheses of one study, and the calibration of their scores.
 
     Parameters
     ----------
@@ -684,7 +682,7 @@ class Pool:
     dof: Floats
 
     def scales(self, scores: Floats) -> Floats:
-        """Return the median size of the scores of hypotheses of the same sort, over a normal's.
+        """Return the median score size of each sort of hypotheses, over that of a normal law.
 
         A batch scatters as its specimens do.
         """
@@ -710,10 +708,11 @@ class Pool:
 
 
 SINGLE_FIRST = 1.5
-"""By which a group has to be odder than the oddest specimen: one of three draws its group along."""
+"""Factor by which a group must be odder than its oddest specimen, since one of three drags its
+group along."""
 SHARES = np.array([0.4, 0.15, 0.25, 0.15, 0.05])
-"""Of the level, of responses, other errors of specimens, groups, readings and the edge of the
-picture: the more, the nearer what commonly happens is to the scatter that hides it."""
+"""Shares of the level for responses, other errors of specimens, groups, readings and the edge of
+the picture: larger if common mishaps are close to the scatter that hides them."""
 GROUPS = 2
 _PART = {
     Oddity.RESPONSE: 0,
@@ -728,13 +727,13 @@ _PART = {
     Oddity.READING: 3,
 }
 READING_DOF = 60
-"""Of errors of reading: readings on all paths, less what a path has in common."""
+"""Degrees of freedom of reading errors: readings on all paths, less what a path has in common."""
 
 
 def pool_of(
     subject: JointModel, known: tuple[Irregularity, ...], dof: Floats | float = READING_DOF
 ) -> Pool:
-    """Return hypotheses with the families of their readings, and how well scores are known."""
+    """Return hypotheses with the families of their readings, and the accuracy of scores."""
     places = subject.places
     family = np.array([str(places.family[np.argmax(one.rows)]) for one in known])
     count = {
@@ -750,7 +749,7 @@ def find_suspects(
     refit: Refit,
     batches: Iterable[tuple[str, ...]] = (),
 ) -> tuple[Suspect, ...]:
-    """Return the specimens and readings that do not belong with the rest, the oddest first.
+    """Return the outlying specimens and readings, the oddest first.
 
     Parameters
     ----------
@@ -774,12 +773,12 @@ def find_suspects(
         found = tuple(one for one in left_out if one.p_value < LEVEL)
         if {_key(one) for one in left_out} == {_key(one) for one in out_before}:
             return found
-    known = [one.hypothesis for one in before]  # what comes and goes is in doubt
+    known = [one.hypothesis for one in before]  # suspects that come and go are in doubt
     return tuple(one for one in found if _is_among(one.hypothesis, known))
 
 
 def _is_among(one: Irregularity, others: Iterable[Irregularity]) -> bool:
-    """Return whether a way of being wrong is one of others, for most of the readings of either."""
+    """Return whether a hypothesis matches one of others, for most of the readings of either."""
     return any(
         other.oddity is one.oddity
         and 2 * np.sum(one.rows & other.rows) > min(np.sum(one.rows), np.sum(other.rows))
@@ -799,7 +798,7 @@ def _posed(
 ) -> tuple[Pool, Scored] | None:
     """Return the hypotheses and their scores, with those of groups that the scores suggest.
 
-    Where it is known what to leave out, scatter and errors are those of the other readings.
+    If the data to leave out are known, scatter and errors are those of the other readings.
     """
     chance = LOOSE_GROUPS if left_out is None else LEVEL * SHARES[GROUPS]
     if left_out is not None:
@@ -820,7 +819,7 @@ def _posed(
 def _with_groups(
     subject: JointModel, known: tuple[Irregularity, ...], now: Scored, chance: float
 ) -> tuple[tuple[Irregularity, ...], Scored]:
-    """Return hypotheses with the groups that scores suggest, without the days that they do not."""
+    """Return hypotheses with groups that the scores suggest, without days that they do not."""
     free = Scored(now.observed, _with_free_response(known, now))
     days = np.array([one.oddity is Oddity.DAY for one in known])
     kept = np.flatnonzero(~_unclear_days(known, free, chance))
@@ -839,18 +838,18 @@ def _with_groups(
 def _widths_without(
     subject: JointModel, vector: Floats, parts: ReadingParts, left_out: Sequence[Suspect]
 ) -> Widths:
-    """Return how wide deviations and errors are of what is not left out."""
+    """Return the widths of deviations and errors of the data not left out."""
     out = np.any([one.hypothesis.rows for one in left_out], axis=0)
     names = {name for one in left_out for name in one.hypothesis.specimens}
     return parts.without(out).widths(film_density(subject, vector, names))
 
 
 def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Suspect]) -> Floats:
-    """Return a point with the errors of reading that remain beside what actuators have in common.
+    """Return a point with the reading errors that remain after common effects of actuators.
 
-    A misfit that all have in common makes calibrated errors not only wide, but alike along a path
-    and in curvature and bend angle. All of their parameters are found by restricted likelihood,
-    with their priors as normal laws, and the mean and the scatter of specimens as they are.
+    A common misfit makes calibrated errors not only wide but also correlated along a path and
+    between curvature and bend angle. All their parameters are found by restricted likelihood, with
+    normal priors, and mean and specimen scatter unchanged.
     """
     free = _of_errors(subject, vector)
     rows = subject.places.family == ACTUATOR
@@ -888,7 +887,7 @@ def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Sus
 
 
 def _of_errors(subject: JointModel, vector: Floats) -> Flags:
-    """Return which parameters are of errors of reading of actuators alone, (n_parameters,)."""
+    """Return a mask of parameters of actuator reading errors, (n_parameters,)."""
     fixed = ~np.any(jacobian_of(subject, vector), axis=0)
     rows = subject.places.family == ACTUATOR
     at, found = subject.scatter(vector), np.zeros(len(vector), dtype=bool)
@@ -901,15 +900,15 @@ def _of_errors(subject: JointModel, vector: Floats) -> Flags:
 
 
 STEPS, STEP, UNLIKELY = 10, 1e-3, 1e12
-"""Of the search for errors of reading: a hundredth of a unit of log density is enough."""
+"""Tolerance of the search for reading errors: a hundredth of a unit of log density."""
 
 
 def _dof(parts: ReadingParts, known: Sequence[Irregularity], now: Scored, widths: Widths) -> Floats:
-    r"""Return the degrees of freedom from which the width of each score is known, (m,).
+    r"""Return the degrees of freedom of the width of each score, (m,).
 
-    Of the variance of a size, 1/|w|², a share s comes from the scatter of specimens, which is known
-    from ν degrees of freedom, and the rest from errors of reading, known from more. The rule
-    is that of Satterthwaite (1946), doi:10.2307/3002019: :math:`1/(s^2/\nu + (1 - s)^2/\nu_e)`.
+    A share s of the variance of a size, 1/|w|², comes from specimen scatter, known with ν degrees
+    of freedom, and the rest from reading errors, known with more. The rule is that of Satterthwaite
+    (1946), doi:10.2307/3002019: :math:`1/(s^2/\nu + (1 - s)^2/\nu_e)`.
     """
     wider = scored(parts, known, WIDER * widths.scatter, widths.errors)
     grown = np.log(np.maximum(now.norms, SMALL) / np.maximum(wider.norms, SMALL))
@@ -926,8 +925,8 @@ WIDER = 1.1  # scatter of specimens, for the share of a variance that comes from
 def _with_free_response(known: Sequence[Irregularity], now: Scored) -> Floats:
     """Return whitened directions, of lengths with the response of every specimen free, (n, m).
 
-    Lengths show in curvature over bend angle, which stiffness leaves as it is: known to the errors
-    of reading, however widely specimens scatter.
+    Lengths affect curvature over bend angle, which does not depend on stiffness and is known to
+    within the reading errors, whatever the specimen scatter.
     """
     responses = [k for k, one in enumerate(known) if one.oddity is Oddity.RESPONSE]
     lengths = [k for k, one in enumerate(known) if one.oddity in (Oddity.CURVATURE, Oddity.DAY)]
@@ -939,7 +938,7 @@ def _with_free_response(known: Sequence[Irregularity], now: Scored) -> Floats:
 
 
 def _unclear_days(known: Sequence[Irregularity], free: Scored, chance: float) -> Flags:
-    """Return which hypotheses of a day are within the scatter of lengths over specimens, (m,)."""
+    """Return a mask of day hypotheses within the scatter of specimen lengths, (m,)."""
     members = np.array([k for k, one in enumerate(known) if one.oddity is Oddity.CURVATURE], int)
     names = [known[k].specimens[0] for k in members]
     days = [k for k, one in enumerate(known) if one.oddity is Oddity.DAY]
@@ -969,13 +968,13 @@ def _two_groups(pool: Pool, now: Scored, chance: float) -> Iterator[tuple[Irregu
 
 
 def _sizes(now: Scored, members: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Return sizes of hypotheses, each alone, and one over their standard errors, (m,) each."""
+    """Return sizes of single hypotheses, and one over their standard errors, (m,) each."""
     norms = np.maximum(now.norms[members], SMALL)
     return (now.columns[:, members].T @ now.observed) / norms**2, norms
 
 
 def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> NDArray[np.int64]:
-    """Return places among some hypotheses of those that are a group; none if there is no group."""
+    """Return indices of hypotheses that form a group; empty if there is no group."""
     if len(members) < 2 * SMALLEST_GROUP:
         return np.array([], dtype=np.int64)
     sizes, norms = _sizes(now, members)
@@ -987,7 +986,7 @@ def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> ND
 
 
 def _together(oddity: Oddity, ways: Sequence[Irregularity]) -> Irregularity:
-    """Return that specimens are odd together that are odd one by one."""
+    """Return a joint hypothesis for specimens that are odd one by one."""
     names = tuple(one.specimens[0] for one in ways)
     rows = np.any([one.rows for one in ways], axis=0)
     direction = np.sum([one.direction for one in ways], axis=0)
@@ -1042,7 +1041,7 @@ def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]
 
 
 def _t_of_chance(weights: Floats, chance: float) -> float:
-    """Return the largest t of two groups that sizes without groups exceed so rarely."""
+    """Return the critical value of the largest t of two groups without a group effect."""
     sizes = np.random.default_rng(len(weights)).standard_normal((SPLITS, len(weights))) / weights
     return float(np.quantile(largest_t(sizes, weights)[0], 1.0 - chance))
 
@@ -1050,7 +1049,7 @@ def _t_of_chance(weights: Floats, chance: float) -> float:
 def _loose(
     subject: JointModel, vector: Floats, batches: tuple[tuple[str, ...], ...]
 ) -> tuple[Suspect, ...]:
-    """Return what may be a mishap by scores over their median size."""
+    """Return possible mishaps by scores over their median size."""
     posed = _posed(subject, vector, batches)
     if posed is None:
         return ()
@@ -1066,9 +1065,9 @@ def _loose(
 
 
 def _whole(places: Places, suspect: Suspect) -> Suspect:
-    """Return a suspect whose specimen is left out, where more than single readings are odd.
+    """Return a suspect with its whole specimen left out, if more than single readings are odd.
 
-    Which of the ways it is shows only when the scatter is known that it has taken no part in.
+    The kind of mishap is decided only once the scatter is known without it.
     """
     one = suspect.hypothesis
     if one.oddity not in (Oddity.JUMP, Oddity.CUT_OFF):
@@ -1084,7 +1083,7 @@ def _strict(
     batches: tuple[tuple[str, ...], ...],
     left_out: Sequence[Suspect],
 ) -> tuple[Suspect, ...]:
-    """Return what may be a mishap by a calibration in which it took no part."""
+    """Return possible mishaps by a calibration without them."""
     posed = _posed(subject, vector, batches, left_out)
     if posed is None:
         return ()
@@ -1100,9 +1099,9 @@ def _strict(
 
 
 def _not_drawn_along(found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
-    """Return suspects without batches of which a specimen is odd alone.
+    """Return suspects without batches in which a single specimen is odd.
 
-    Whether the others of the batch are odd as well shows once they take part in the calibration.
+    Whether the rest of the batch is also odd is decided once it takes part in the calibration.
     """
     ways = [one.hypothesis for one in found]
     alone = {way.specimens[0] for way in ways if way.is_of_specimen and len(way.specimens) == 1}
@@ -1121,7 +1120,7 @@ def _pursued(
     found: list[Suspect] = []
     left = np.zeros(len(places), dtype=bool)
     while len(found) < MOST_READINGS * len(places):
-        # what is out already is not to be explained again
+        # data already left out need no further explanation
         explained = np.array([bool(np.all(left[one.rows])) for one in pool.known])
         closed = explained | _too_many(pool, found)
         odd = np.where(closed, 0.0, excess(now.scores(whole)))
@@ -1144,7 +1143,7 @@ def _suspect(pool: Pool, now: Scored, whole: Floats, best: int) -> Suspect:
 
 
 def _too_many(pool: Pool, found: list[Suspect]) -> Flags:
-    """Return which hypotheses would take more specimens of a family than there may be."""
+    """Return a mask of hypotheses with more specimens of a family than allowed."""
     out = {
         name for one in found if one.hypothesis.is_of_specimen for name in one.hypothesis.specimens
     }
@@ -1156,7 +1155,7 @@ def _too_many(pool: Pool, found: list[Suspect]) -> Flags:
 
 
 def _confirmed(pool: Pool, now: Scored, found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
-    """Return suspects that stay ones with all others free, by what they are then."""
+    """Return suspects that remain with all others free, with their sizes then."""
     kept = list(found)
     while kept:
         judged = [_beside(pool, now, one, [k for k in kept if k is not one]) for one in kept]
@@ -1168,7 +1167,7 @@ def _confirmed(pool: Pool, now: Scored, found: tuple[Suspect, ...]) -> tuple[Sus
 
 
 def _beside(pool: Pool, now: Scored, one: Suspect, others: Sequence[Suspect]) -> Suspect:
-    """Return a suspect by what it is with the sizes of others free."""
+    """Return a suspect evaluated with the sizes of others free."""
     index = {id(way): k for k, way in enumerate(pool.known)}
     free = now
     for other in others:

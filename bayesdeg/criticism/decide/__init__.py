@@ -1,1 +1,1 @@
-"""What is named, and what speaks for it."""
+"""The decision: which causes are named, and the support for them."""

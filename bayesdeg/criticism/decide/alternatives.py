@@ -1,15 +1,14 @@
-r"""Which sets of causes may be right, and whether they are one of A and one of B.
+r"""The sets of causes that may be right, and whether they are combinations from lists.
 
-Causes of a set that have look-alikes make many sets that the data cannot tell apart. Where every
-choice of one cause from each of several lists is as good as its parts say, the sets are a product
-of lists. With g the log Bayes factor by which a set is behind, a combination of several
-replacements belongs to it if
+Causes with look-alikes give many sets that the data cannot tell apart. If every choice of one cause
+from each of several lists is as good as its parts suggest, the sets are a product of lists. With g
+the deficit of a set in log Bayes factor, a combination of several replacements belongs to it if
 
 .. math::
     g \le \max \Big( \ln 20,\ \sum_j g_j + 1 \Big),
 
-:math:`g_j` those of each replacement by itself: evidence that is independent adds. Otherwise the
-data exclude the combination, and there is no product, but a list of sets.
+:math:`g_j` those of each replacement alone: independent evidence adds. Otherwise the data exclude
+the combination, and there is no product but a list of sets.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,13 +20,13 @@ from bayesdeg.criticism.decide.support import INSEPARABLE, Support
 from bayesdeg.criticism.fit.search import Names, Search, SetScale
 
 TOLERANCE = 1.0
-"""By which a combination may be farther behind than its replacements together [nats]: errors of
-three evidences by importance sampling, each up to some 0.3, and no odds to speak of."""
+"""Allowed excess of a combination's deficit over the sum of its replacements' [nats]: errors of
+three evidences by importance sampling, each up to some 0.3, and negligible odds."""
 
 
 @dataclass(frozen=True)
 class SetOdds:
-    """One set of causes beside the favoured one.
+    """A set of causes compared with the favoured one.
 
     Parameters
     ----------
@@ -48,13 +47,13 @@ class SetOdds:
 
     @property
     def names(self) -> Names:
-        """The causes without an order."""
+        """The causes as an unordered set."""
         return frozenset(self.causes)
 
 
 @dataclass(frozen=True)
 class StatedSets:
-    """What the data support as sets of causes.
+    """The sets of causes that the data support.
 
     Parameters
     ----------
@@ -90,7 +89,7 @@ class StatedSets:
 
     @property
     def elsewhere(self) -> tuple[SetOdds, ...]:
-        """Members that are no choice from the lists."""
+        """Members that are not combinations from the lists."""
         choices = {frozenset(picked) for picked in product(*self.lists)}
         return tuple(one for one in self.members if one.names not in choices)
 
@@ -101,12 +100,12 @@ class StatedSets:
 
     @property
     def product(self) -> tuple[tuple[str, ...], ...]:
-        """Lists of which one cause each acts; empty where the sets are no product."""
+        """Lists from each of which one cause acts; empty if the sets are not a product."""
         return self.lists if self.is_product else ()
 
     @property
     def alternatives(self) -> tuple[tuple[str, ...], ...]:
-        """The sets of which one acts, where they are no product."""
+        """The sets of which one acts, if they are not a product."""
         return () if self.is_product else tuple(one.causes for one in self.members)
 
     @property
@@ -117,7 +116,7 @@ class StatedSets:
 
     @property
     def one_of(self) -> tuple[tuple[str, ...], ...]:
-        """Lists of each of which one cause acts at least, whatever set is right."""
+        """Lists from each of which at least one cause acts, whichever set is right."""
         if not self.elsewhere:
             return tuple(names for names in self.lists if len(names) > 1)
         further = (name for one in self.members for name in one.causes)
@@ -125,10 +124,10 @@ class StatedSets:
 
 
 def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> StatedSets:
-    """Return which sets may be right beside a favoured one; none where nothing is favoured.
+    """Return the sets that may be right besides the favoured one; empty if nothing is favoured.
 
-    Combinations of several replacements are fitted, those first of which screening says least that
-    they are as good as their parts; beyond what the effort allows it is screening that judges.
+    Combinations of several replacements are fitted, first those that screening rates worst relative
+    to their parts; beyond the limit of the effort screening decides.
 
     Parameters
     ----------
@@ -162,7 +161,7 @@ def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> 
 
 
 class _Combination(NamedTuple):
-    """A choice with several replacements, and by how much they are behind one by one together."""
+    """A combination of several replacements, and the sum of their single deficits."""
 
     causes: tuple[str, ...]
     together: float
@@ -176,7 +175,7 @@ class _Combination(NamedTuple):
 def _combined(
     lists: tuple[tuple[str, ...], ...], gaps: Sequence[Mapping[str, float]]
 ) -> list[_Combination]:
-    """Return the choices from lists in which several causes are replaced, each set once."""
+    """Return the combinations from lists with several replacements, without duplicates."""
     heads, found = [names[0] for names in lists], dict[Names, _Combination]()
     for picked in product(*lists):
         places = [k for k, name in enumerate(picked) if name != heads[k]]
@@ -193,9 +192,9 @@ def _combined(
 def _screened_gaps(
     search: Search, chosen: Names, combined: Sequence[_Combination]
 ) -> dict[Names, float]:
-    """Return by how much combinations are behind: their parts, and what screening says beyond.
+    """Return the deficits of combinations: the sum of their parts, plus the excess by screening.
 
-    Where screening says nothing, as of causes that change no reading, they are as their parts.
+    Without screening, as for causes that change no reading, the sum of the parts is used.
     """
     if not combined:
         return {}
@@ -221,7 +220,7 @@ def _judged(search: Search, chosen: Names, causes: tuple[str, ...], screened: fl
 def _replaced_once(
     search: Search, supported: Sequence[Support], lists: tuple[tuple[str, ...], ...]
 ) -> Iterator[SetOdds]:
-    """Yield the favoured set, and those in which a rival stands in the place of one cause."""
+    """Yield the favoured set, and those with one cause replaced by a rival."""
     heads = tuple(names[0] for names in lists)
     whole = search.factor(frozenset(heads))
     yield SetOdds(heads, whole, 0.0)
@@ -232,7 +231,7 @@ def _replaced_once(
 
 
 def _further(search: Search, chosen: Names, known: set[Names]) -> Iterator[SetOdds]:
-    """Yield fitted sets of as many causes within odds of 20 that are no choice from the lists."""
+    """Yield fitted sets of the same size within odds of 20 that are not combinations from lists."""
     whole = search.factor(chosen)
     for names in search.trials:
         behind = whole - search.factor(names)

@@ -1,4 +1,4 @@
-"""Which causes the study at hand could confuse: it is simulated under each, and judged.
+"""Causes that a study could confuse, found by simulating it under each cause.
 
 Readings z = d_a + e, e ~ N(0, I), of the linearised model with the effect d_a of cause a; cause b
 is as good where its linear Bayes factor is within odds of 20 of that of a.
@@ -23,14 +23,16 @@ from bayesdeg.criticism.subject import typical_size
 Floats = NDArray[np.float64]
 
 CLEAR = float(np.log(20.0))
-OFTEN = 0.1  # of simulated studies in which the wrong cause is as good: then they are confusable
-VISIBLE = 3.0  # size of an effect, in standard deviations, below which it is not seen at all
+OFTEN = (
+    0.1  # share of simulated studies in which the wrong cause is as good: then they are confusable
+)
+VISIBLE = 3.0  # size of an effect, in standard deviations, below which it is invisible
 DRAWS = 300
 
 
 @dataclass(frozen=True)
 class Confusability:
-    """What would be named if each cause acted.
+    """Causes that would be named if each cause acted.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ class Confusability:
     confused: Floats
 
     def pairs(self) -> list[tuple[str, str]]:
-        """Return pairs of which either would often be taken for the other."""
+        """Return pairs of causes that would often be confused."""
         return [
             (self.names[i], self.names[j])
             for i in range(len(self.names))
@@ -57,7 +59,7 @@ class Confusability:
         ]
 
     def rivals(self, name: str) -> list[str]:
-        """Return what would often be as good as a cause if it acted."""
+        """Return causes that would often be as good as a given one if it acted."""
         i = self.names.index(name)
         return [n for j, n in enumerate(self.names) if j != i and self.confused[i, j] > OFTEN]
 
@@ -74,7 +76,7 @@ NOT_KNOWN = Confusability((), np.zeros(0), np.zeros((0, 0)))
 def confusability(
     linear: Linear, causes: tuple[Cause, ...], generator: np.random.Generator
 ) -> Confusability:
-    """Simulate the readings under each cause at its usual size and judge them.
+    """Simulate the readings under each cause at its typical size and judge them.
 
     Parameters
     ----------
@@ -108,12 +110,12 @@ def _typical_effect(linear: Linear, cause: Cause) -> Floats:
 
 
 def _wide(columns: Floats, change: Floats) -> Floats:
-    """Return directions of a cause: of small sizes, and of its usual one."""
+    """Return directions of a cause: for small sizes, and for its typical one."""
     return np.column_stack([columns, change])
 
 
 EFFECT_DRAWS = 2000
-LEAST = -1e3  # log Bayes factors below are told as this
+LEAST = -1e3  # floor of the log Bayes factors shown
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,7 @@ class EffectSize:
 
 @dataclass(frozen=True)
 class Candidate:
-    """How one cause fared.
+    """The evidence for one cause.
 
     Parameters
     ----------
@@ -194,8 +196,8 @@ def candidates(
 def probabilities(search: Search) -> dict[str, float]:
     """Return posterior probabilities of the causes.
 
-    Over all sets that were fitted and all causes that were screened alone; before the data a set
-    of k causes of m has the probability of no cause over the number of sets of its size.
+    Over all fitted sets and all causes screened alone; the prior probability of a set of k out of m
+    causes is that of no cause divided by the number of sets of its size.
     """
     factors = {names: search.factor(names) for names in search.trials}
     for name, one in search.step(search.base.names).screened.items():

@@ -1,15 +1,15 @@
-r"""Which causes of rupture explain counts that a model holds for next to impossible.
+r"""Causes of rupture that explain counts contradicting a model.
 
-Counts are no part of the fit without such a cause. The evidence of one is
+Without such a cause counts are not part of the fit. The evidence for one is
 
 .. math:: B = \frac{p(y, k | \mathrm{cause})}{p(y, k)}
 
 with the readings y and the counts k, both models fitted to both: draws of the model without counts
-would make them far less probable than they are, since what it can give up for them, such as a wide
-scatter of the elongation at break, lies where it has no draws. Causes are named by the rules of all
-others: a factor above 20 and above what chance gives in 95 % of counts without an effect;
-actuators predicted better where they are left out; a size that its prior expects; counts that are
-probable with it; and no rival within a factor of 20.
+would make these far too improbable, since parameters that could accommodate them, such as a wide
+scatter of the elongation at break, lie where there are no draws. Causes are named by the same
+rules as all others: a factor above 20 and above that by chance in 95 % of counts without an
+effect; better prediction of left-out actuators; a plausible size; counts that are probable with
+it; and no rival within a factor of 20.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -51,11 +51,11 @@ from bayesdeg.priors import Parameter, TruncatedNormal
 Floats = NDArray[np.float64]
 
 DRAWS = 3000
-"""Of the posterior without the counts."""
+"""Draws of the posterior without the counts."""
 OTHERS_DRAWS = 1000
-"""Of them, for p-values by other criteria of rupture: simulated counts leave the larger error."""
+"""Draws for p-values by other criteria of rupture: simulated counts have the larger error."""
 CHANCE_SETS = 400
-"""Counts simulated without an effect, for the factor that chance gives in 5 % of them."""
+"""Simulated counts without an effect, for the factor exceeded by chance in 5 % of them."""
 
 
 def _cut_alike(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
@@ -71,17 +71,17 @@ COMMON_FACTOR = Cause(
             "cut",
             TruncatedNormal(0.0, 0.7, 0.0, np.inf),
             "–",
-            "ln of the films' over the actuators' elongation limit at all degradation rates",
+            "ln of the elongation limit of films over that of actuators, at all degradation rates",
             0.0,
         ),
     ),
-    mechanism="a larger stressed volume or concentrated strain cuts all elongation limits alike",
+    mechanism="a larger stressed volume or concentrated strain lowers all elongation limits alike",
     typical={"cut": 0.5},
-    revealed_by="ruptures below what the films' elongation would bear, at all degradation rates",
+    revealed_by="ruptures below the films' elongation limit, at all degradation rates",
     on_strength=_cut_alike,
 )
-"""A size effect, or strain concentrated where walls meet: it may stand in the way of a name, but is
-none itself, since nothing that was counted says which of both it is."""
+"""A size effect, or strain concentrated where walls meet: it may prevent naming a cause, but is not
+named itself, since counts cannot tell which of the two it is."""
 
 
 class _Fitted(NamedTuple):
@@ -91,7 +91,7 @@ class _Fitted(NamedTuple):
 
 @dataclass(frozen=True)
 class CountedCause:
-    """What counts say of one cause.
+    """Evidence of counts for one cause.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class CountedCause:
 
     @property
     def explains(self) -> bool:
-        """Whether nothing but its evidence is left to ask of it."""
+        """Whether it passes all tests but that of its evidence."""
         one = self.support
         return one.held_out_agrees and one.is_plausible and not self.left.contradicts
 
@@ -153,12 +153,12 @@ class Counted:
 
     @property
     def supported(self) -> tuple[Support, ...]:
-        """What speaks for that cause."""
+        """Support for that cause."""
         return () if self.best is None else (self.best.support,)
 
     @property
     def explained_by(self) -> tuple[str, ...]:
-        """That cause and those that cannot be told from it."""
+        """That cause and those that cannot be told apart from it."""
         return tuple(name for one in self.supported for name in (one.cause, *one.inseparable))
 
 
@@ -168,7 +168,7 @@ def judge_counts(
     causes: Iterable[Cause],
     generator: np.random.Generator,
 ) -> Counted:
-    """Say how probable counts are, and which causes explain them where they are not.
+    """Compute the probability of counts, and the causes that explain improbable ones.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def judge_counts(
 def _by_other_criteria(
     model: JointModel, counts: RuptureCounts, vectors: Floats, generator: np.random.Generator
 ) -> dict[str, float]:
-    """Return the p-values of counts by criteria of rupture that were not chosen."""
+    """Return the p-values of counts by the other criteria of rupture."""
     chosen = model.films_and_actuators.criterion
     return {
         criterion: count_misfit(
@@ -217,7 +217,7 @@ def _by_other_criteria(
 
 
 def _fitted(subject: JointModel, start: Floats, generator: np.random.Generator) -> _Fitted:
-    """Fit a model with the counts from a start: its mode, and an importance sample about it."""
+    """Fit a model with the counts from a start: mode and importance sample."""
     laplace = approximate(subject, generator, start=start)
     return _Fitted(laplace.mode, about_mode(subject, laplace, generator, enough=WANTED))
 
@@ -233,7 +233,7 @@ def _evidence_of_counts(
 
 
 class _Found(NamedTuple):
-    """What a cause makes of the log likelihood of draws, (n,), and of the chances of ruptures."""
+    """Log likelihood of draws with a cause, (n,), and probabilities of rupture."""
 
     own: Floats
     chances: Chances
@@ -246,7 +246,7 @@ def _all_extended(
     known: Floats,
     generator: np.random.Generator,
 ) -> list["_Extended"]:
-    """Give draws of a model sizes of each cause in turn, from its prior."""
+    """Extend draws of a model by prior sizes of each cause in turn."""
     subjects = [parent.subject.extended(cause) for cause in causes]
     points = [with_sizes(parent.subject, cause, known, generator) for cause in causes]
     parts = [
@@ -266,7 +266,7 @@ def _answers(
     subjects: Sequence[JointModel],
     points: Sequence[Floats],
 ) -> list[_Found]:
-    """Ask models that differ in causes of rupture alone: the forward map is asked once for all."""
+    """Evaluate models that differ only in causes of rupture, with one call of the forward map."""
     first, *values = (
         model.table.named(rows) for model, rows in zip((parent, *subjects), points, strict=True)
     )
@@ -282,7 +282,7 @@ def _answers(
 
 
 def _of_ruptures(model: JointModel, state: State[FilmsAndActuators]) -> Floats:
-    """Return the log likelihood of the study's own ruptures, all that such causes act on, (n,)."""
+    """Return the log likelihood of the study's own ruptures, the only data affected, (n,)."""
     parts = [one.log_likelihood(state).sum(axis=1) for one in model.of_kind(Rupture)]
     return np.sum(parts, axis=0) if parts else np.zeros(len(state))
 
@@ -293,7 +293,7 @@ def _together(parts: Sequence[_Found]) -> _Found:
 
 
 def _chances_of_repeated(model: JointModel, counts: RuptureCounts, drawn: Floats) -> Chances:
-    """Return the chances at draws of which many are equal, with an answer at all levels."""
+    """Return rupture probabilities at draws with many duplicates, valid at all levels."""
     different, place = np.unique(drawn, axis=0, return_inverse=True)
     chances = chances_at(model, counts, different)
     return answered(Chances(*(part[place] for part in chances)))
@@ -314,7 +314,7 @@ class _Extended:
     def of(
         cls, cause: Cause, subject: JointModel, counts: RuptureCounts, points: Floats, found: _Found
     ) -> "_Extended":
-        """Weight the draws for which model and forward map have an answer."""
+        """Weight the draws within the range of model and forward map."""
         own, chances = found
         kept = np.isfinite(own) & np.all(np.isfinite(chances.whole), axis=1)
         points, own = points[kept], own[kept]
@@ -356,8 +356,9 @@ class _Extended:
     def _trial(self, parent: Trial, without: float, generator: np.random.Generator) -> Trial:
         """Fit the model with the cause and the counts, from the best draw of its prior.
 
-        Counts leave the sizes of a cause on a ridge, about whose top there may be fewer effective
-        draws than among those of the prior: the evidence is that of the larger number.
+        Counts leave the sizes of a cause on a ridge, around whose top there may be fewer effective
+        draws than among those of the prior: the sample with more effective draws gives the
+        evidence.
         """
         subject = self.subject.with_observations(self.counts)
         best = self.drawn.draws[int(np.argmax(self.drawn.log_weights))]
@@ -373,7 +374,7 @@ class _Extended:
 
 
 def _held_out(extended: _Extended, base: CountLaw) -> tuple[float, float]:
-    """Return the gain in log predictive density of actuators left out one by one, and its error."""
+    """Return the gain in log predictive density of actuators left out in turn, and its error."""
     tests = extended.counts.tests
     with_cause = _left_out(extended.law.reweighted(extended.own))
     without = _left_out(base)
@@ -405,7 +406,7 @@ def _with_rivals(one: CountedCause, found: Sequence[CountedCause]) -> CountedCau
 
 
 def _prior_tail(trial: Trial, cause: Cause, drawn: Floats) -> float:
-    """Return the prior probability of a size as far from neutral as the median of the posterior."""
+    """Return the prior probability of a size as far from neutral as the posterior median."""
     size = cause.parameters[0]
     value = float(np.median(drawn[:, columns_of(trial.subject, cause)[0]]))
     neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
@@ -416,7 +417,7 @@ def _prior_tail(trial: Trial, cause: Cause, drawn: Floats) -> float:
 def _candidates(
     tried: Sequence[CountedCause], generator: np.random.Generator
 ) -> dict[str, Candidate]:
-    """Return how each cause fared, with its probability among them and none of them."""
+    """Return the evidence for each cause, with its probability among them and no cause."""
     factors = np.array([0.0, *(one.support.log_bayes_factor for one in tried)])
     shares = np.exp(factors - logsumexp(factors))[1:]
     return {

@@ -1,4 +1,4 @@
-"""What speaks for each cause of a set: evidence, held-out specimens, rivals, a plausible size."""
+"""Support for each cause of a set: evidence, held-out specimens, rivals, plausible size."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -17,18 +17,20 @@ from bayesdeg.inference.model import JointModel
 Regroup = Callable[[JointModel], JointModel]
 
 INSEPARABLE = float(np.log(20.0))
-IMPLAUSIBLE = 0.005  # prior probability of a size as far from neutral
-TWINS_APART = 2.0 * INSEPARABLE  # what priors of size alone may make of causes that read alike
-MODERATE = 2.0 * INSEPARABLE  # evidence that cannot carry an implausible size
-UNSURE = 3.0  # standard errors of a difference of evidences within which chance of draws decides
+IMPLAUSIBLE = 0.005  # least prior probability of a size as far from neutral
+TWINS_APART = (
+    2.0 * INSEPARABLE
+)  # log Bayes factor that size priors alone can give between indistinguishable causes
+MODERATE = 2.0 * INSEPARABLE  # evidence up to which an implausible size is not accepted
+UNSURE = 3.0  # standard errors of a difference of evidences within which Monte Carlo error decides
 CLOSE_CALL = 2.0
-"""Gain of what is held out about its least within which chance of draws may decide [nats]: of one
-study it moved by 2.0 between three seeds."""
+"""Distance of a held-out gain from its threshold within which Monte Carlo error may decide [nats]:
+in one study the gain varied by 2.0 between three seeds."""
 
 
 @dataclass(frozen=True)
 class Support:
-    """What speaks for one cause of a set.
+    """Support for one cause of a set.
 
     Parameters
     ----------
@@ -65,8 +67,8 @@ class Support:
     def held_out_agrees(self) -> bool:
         """Whether held-out specimens are predicted better by more than a standard error.
 
-        By several causes together; then each must add to that, however little: a cause that few
-        specimens show has a gain that scatters.
+        For several causes this holds together; each must add to it, however little, since the gain
+        of a cause that few specimens show is uncertain.
         """
         if self.elpd_diff is None:
             return False
@@ -76,7 +78,7 @@ class Support:
 
     @property
     def is_close_call(self) -> bool:
-        """Whether other draws might say otherwise of the specimens that were held out."""
+        """Whether Monte Carlo error may decide the result for held-out specimens."""
         if self.elpd_diff is None:
             return False
         if self.together is None:
@@ -86,28 +88,28 @@ class Support:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether its size is one that its prior expects, or the evidence leaves no choice.
+        """Whether its size is plausible a priori, or the evidence compels it.
 
-        One of several has no such excuse: two causes of any size imitate what neither of them is,
-        and the more readings there are, the more the evidence speaks for it. A gauge of bent scale
-        reads like films off by five standard deviations beside a leak.
+        Evidence does not compel one of several causes: two causes of arbitrary size can imitate a
+        third, with more evidence the more readings there are. A nonlinear gauge looks like a film
+        mismatch of five standard deviations together with a leak.
         """
         excused = self.together is None and self.log_bayes_factor >= MODERATE
         return self.prior_tail >= IMPLAUSIBLE or excused
 
     @property
     def inseparable(self) -> tuple[str, ...]:
-        """Rivals as good as it, in the order of their evidence.
+        """Equally good rivals, in order of evidence.
 
-        An implausible size counts against it: then rivals a little farther behind are as good. So
-        are those that no reading tells from it, or from a rival that is as good: of these priors of
-        size make most of the evidence.
+        If its size is implausible, rivals with a slightly larger deficit are as good. So are those
+        that no reading distinguishes from it or from an equally good rival: there size priors
+        dominate the evidence.
         """
         close = {name: gap for name, gap in self.rivals.items() if gap < self.farthest(name)}
         return tuple(sorted(close, key=lambda name: close[name]))
 
     def farthest(self, rival: str) -> float:
-        """Return how far behind a rival may be that is as good as it [nats]."""
+        """Return the largest deficit of an equally good rival [nats]."""
         alike = self.twins.get(rival, ())
         behind = [self.rivals[twin] for twin in alike if self._is_as_good(twin)]
         return max([self._farthest_alone(rival), *(gap + TWINS_APART for gap in behind)])
@@ -116,13 +118,13 @@ class Support:
         return rival in self.rivals and self.rivals[rival] < self._farthest_alone(rival)
 
     def _farthest_alone(self, rival: str) -> float:
-        """Return how far behind it may be, whatever other rivals there are [nats]."""
+        """Return the largest deficit, irrespective of other rivals [nats]."""
         if rival in self.twins.get(self.cause, ()):
             return TWINS_APART
         return (2.0 if self.prior_tail < IMPLAUSIBLE else 1.0) * INSEPARABLE
 
     def replaced(self, chosen: Names, rival: str) -> Names:
-        """Return the set with a rival in the place of this cause."""
+        """Return the set with this cause replaced by a rival."""
         return chosen - {self.cause} | {rival}
 
 
@@ -168,7 +170,7 @@ def hold_out_each(
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
 ) -> list[dict[Names, HeldOut]]:
-    """Do what `hold_out` does for several kinds of groups, all calibrations side by side.
+    """Run `hold_out` for several kinds of groups, with all calibrations in parallel.
 
     Parameters
     ----------
@@ -199,12 +201,12 @@ def hold_out_each(
 
 
 def as_it_is(subject: JointModel) -> JointModel:
-    """Return a model that holds out the groups that it has."""
+    """Return a model that holds out only groups that it has."""
     return subject
 
 
 def can_be_held_out(subject: JointModel) -> bool:
-    """Return whether something is left to predict from: a measured mean may stand alone."""
+    """Return whether data remain to predict from: a measured mean may be the only one."""
     return len(subject.groups) >= (2 if np.any(subject.group != "") else 1)
 
 
@@ -213,10 +215,10 @@ def _regrouped(trial: Trial, regroup: Regroup) -> Trial:
 
 
 def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
-    """Return what speaks for each cause of a set, the strongest first.
+    """Return the support for each cause of a set, the strongest first.
 
-    Where a rival is so near to the odds that decide that another sample might say otherwise, the
-    evidence of both sets is estimated again first.
+    If a rival is so close to the deciding odds that Monte Carlo error matters, the evidence of both
+    sets is estimated again first.
     """
     found = _supports(search, chosen, held_out)
     doubtful = [names for one in found for names in _doubtful(search, chosen, one)]
@@ -227,7 +229,7 @@ def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -
 
 
 def _doubtful(search: Search, chosen: Names, one: Support) -> list[Names]:
-    """Return the sets with rivals of which chance of draws decides whether they are as good."""
+    """Return the sets with rivals whose comparison depends on Monte Carlo error."""
     own, found = search.trials[chosen].posterior.error, []
     for rival, gap in one.rivals.items():
         names = one.replaced(chosen, rival)
@@ -268,7 +270,7 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
 def prior_tail(search: Search, names: Names, cause: str) -> float:
     """Return the prior probability of a size at least as far from neutral as the fitted one.
 
-    Of the first parameter, which is the cause's size.
+    For the first parameter, the size of the cause.
     """
     trial, found = search.trials[names], _cause_of(search, names, cause)
     size = found.parameters[0]

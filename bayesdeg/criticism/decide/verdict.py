@@ -1,19 +1,18 @@
-"""Which cause, several, or that none can be named.
+"""The verdict: one cause, several, or none.
 
-The chain of argument: (1) the misfit as a whole is calibrated by simulating from the fitted base
-model; (2) a Gaussian-process discrepancy says how much there is to explain; (3) causes are added
-one after another as long as the evidence passes what chance gives in 5 % of data without an effect,
-which is a test of its own, directed at the catalogue, and they are then judged jointly
-(`fit.search`); (4) together they must raise the predictive density of what is held
-out by more than a standard error, each adding to it, and leave no more than chance or remove most
-of the misfit, and none may need an implausible size, unless it is alone and the evidence strong, or
-a scatter of single specimens that is one of whole levels (`checks.shared_scatter`); without a
-cause, the misfit as a whole, ruptures, their counts, measured means and priors say whether the base
-model is adequate; what causes leave must ask for no further term in known quantities
-(`checks.missing_terms`): an effect outside the catalogue that resembles a cause is caught by that;
-(5) what could stand in the place of a cause is reported beside it, as a product of lists where
-every choice from them is supported, else as a list of sets (`decide.alternatives`): a cause is
-named where it is in each of them.
+The chain of argument: (1) the overall misfit is calibrated by simulating from the fitted base
+model; (2) a Gaussian-process discrepancy measures how much there is to explain; (3) causes are
+added one after another while the evidence exceeds what chance gives in 5 % of data without an
+effect, a test directed at the catalogue, and they are then judged jointly (`fit.search`); (4)
+together they must raise the predictive density of held-out data by more than a standard error,
+each adding to it, and leave no more than chance or remove most of the misfit; none may need an
+implausible size, unless it acts alone with strong evidence, or treat a deviation of whole levels
+as scatter of single specimens (`checks.shared_scatter`). Without a cause, the overall misfit,
+ruptures, their counts, measured means and priors decide whether the base model is adequate. The
+misfit left by causes must not require a further term in known quantities (`checks.missing_terms`),
+which catches effects outside the catalogue that resemble a cause; (5) alternatives to a cause are
+reported, as a product of lists if every combination is supported, else as a list of sets
+(`decide.alternatives`): a cause is named if it is in all of them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,26 +41,26 @@ from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
 Floats = NDArray[np.float64]
 
 LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
-LEAST_POWER = 0.5  # of the misfit's test: below, a large misfit would more often be missed
-NEARLY_ALL = 0.9  # of the misfit: what is left may be small and yet significant
+LEAST_POWER = 0.5  # least power of the misfit test
+NEARLY_ALL = 0.9  # share of the misfit: the remainder may be small and yet significant
 LEAST_CHANGE = 0.01
-"""Largest change by a term in what causes leave, over the largest reading, below which it does not
-speak against them: as much emulator and mesh may themselves be off."""
+"""Largest change by a remaining term, over the largest reading, that does not count against causes:
+errors of emulator and mesh may be as large."""
 
 
 @dataclass(frozen=True)
 class Uncalibrated:
-    """The p-value of a misfit is not known: only so many simulated data sets can be used."""
+    """The p-value of a misfit is unknown: too few simulated data sets are usable."""
 
     known: int
     drawn: int
     remaining: bool = False
-    """Whether the misfit is that which the favoured causes leave."""
+    """Whether it is the misfit left by the favoured causes."""
 
 
 @dataclass(frozen=True)
 class LittlePower:
-    """A relative discrepancy as large as this is significant in only this share of studies."""
+    """Even a relative discrepancy of this size is significant in only this share of studies."""
 
     discrepancy: float
     power: float
@@ -69,14 +68,14 @@ class LittlePower:
 
 @dataclass(frozen=True)
 class NotTested:
-    """Too few simulated data sets to see whether specimens of one level deviate together."""
+    """Too few simulated data sets to test whether specimens of one level deviate together."""
 
     cause: str
 
 
 @dataclass(frozen=True)
 class NotComputed:
-    """A test that might have refuted a cause failed."""
+    """A test that could have refuted a cause could not be computed."""
 
     test: str
     why: str
@@ -98,7 +97,7 @@ class NothingHeldOut:
 
 @dataclass(frozen=True)
 class NotPredictedBetter:
-    """With the cause, held-out specimens gain no log predictive density to speak of [nats]."""
+    """The cause does not improve the prediction of held-out specimens [nats]."""
 
     cause: str
     gain: float
@@ -120,7 +119,7 @@ class ImplausibleSize:
 
 @dataclass(frozen=True)
 class SharedByLevel:
-    """A scatter of single specimens is one of whole degradation rates."""
+    """What the cause treats as scatter of single specimens is shared by degradation rates."""
 
     cause: str
     p_value: float
@@ -129,7 +128,7 @@ class SharedByLevel:
 
 @dataclass(frozen=True)
 class NoReduction:
-    """The misfit was within chance without the causes, and is not with them."""
+    """The misfit is within chance without the causes but not with them."""
 
     p_value: float
     replicates: int
@@ -153,10 +152,10 @@ class MisfitRemains:
 
 @dataclass(frozen=True)
 class StructureLeft:
-    """A term in known quantities fits what the causes leave: one that they do not account for.
+    """A term in known quantities fits the misfit left by the causes.
 
-    `change` is its largest, over the largest reading of its kind; `alike` how many terms fit as
-    well.
+    `change` is its largest effect, over the largest reading of its kind; `alike` the number of
+    terms that fit as well.
     """
 
     formula: str
@@ -186,7 +185,7 @@ type Reason = (
 
 @dataclass(frozen=True)
 class Decision:
-    """The outcome and the causes that it is about.
+    """The outcome and its causes.
 
     Parameters
     ----------
@@ -231,16 +230,15 @@ def decide(
 ) -> Decision:
     """Return the outcome.
 
-    A cause may be named where the misfit as a whole is within chance: `supported` passed a test
-    that is directed at what causes look like and calibrated as well, which has more power than one
-    for any smooth discrepancy. Without such a cause the misfit as a whole decides. Where there is
-    such a cause and what is left beside it is no chance, there is a misfit, even if the base model
-    on its own shows none.
+    A cause may be named although the overall misfit is within chance: `supported` causes passed an
+    equally calibrated test that is directed at the causes and has more power than one for any
+    smooth discrepancy. Without such a cause the overall misfit decides. If there is such a cause
+    and the remaining misfit exceeds chance, there is a misfit, even if the base model alone shows
+    none.
 
-    A model whose misfit could not be set against chance is never adequate, nor is one of which the
-    readings would hide a large misfit, or a cause of which is favoured with nothing to hold out;
-    and a cause that missed a test which might have refuted it is never named: nothing is judged
-    then.
+    A model whose misfit could not be compared with chance is never adequate, nor is one whose
+    readings would hide a large misfit, or one with a favoured cause but nothing to hold out. A
+    cause is never named if a test that could have refuted it is missing: then nothing is judged.
 
     Parameters
     ----------
@@ -278,7 +276,7 @@ def decide(
     misread = base.misfit.p_value <= MISFIT_LEVEL
     off = misread or bool(questioned) or _is_off_beside(rupture, contradicted, counts)
     of_readings = any(one.cause not in on_rupture for one in supported)
-    # a model that takes wide errors for its readings shows no misfit
+    # a model with overestimated errors shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     by_level = [one for one in shared if one.is_more_than_chance]
     against = _against_all(base, final, structure) if of_readings else []
@@ -298,7 +296,7 @@ def decide(
 
 
 def _said(supported: Sequence[Support], stated: StatedSets | None) -> Decision:
-    """Return what is named, which is in every set that may be right, and of what one acts."""
+    """Return the named causes, which are in every possible set, and lists of which one acts."""
     apart = [one for one in supported if stated is None or one.cause not in stated.favoured]
     lists = [(one.cause, *one.inseparable) for one in apart]
     certain = [names[0] for names in lists if len(names) == 1]
@@ -321,18 +319,18 @@ def _said(supported: Sequence[Support], stated: StatedSets | None) -> Decision:
 def _is_off_beside(
     rupture: RuptureMisfit | None, contradicted: Conflict | None, counts: CountMisfit | None
 ) -> bool:
-    """Return whether ruptures, a measured mean or counts speak against the base model."""
+    """Return whether ruptures, a measured mean or counts contradict the base model."""
     beside = (found for found in (rupture, contradicted) if found is not None)
     improbable = any(found.p_value <= MISFIT_LEVEL for found in beside)
     return improbable or (counts is not None and counts.contradicts)
 
 
 def share_explained(base: Step, final: Step) -> tuple[float, float]:
-    """Return the share of the misfit that is explained, on each model's own scale and on one.
+    """Return the explained share of the misfit, at each model's own errors and at common ones.
 
-    1 where there was no misfit; the first is 0 where a misfit could not be set against chance. The
-    second is measured against the errors of the final model
-    (`explained_on_one_scale`); it is asked for only where the first leaves a doubt.
+    1 if there was no misfit; the first is 0 if a misfit could not be compared with chance. The
+    second uses the errors of the final model (`explained_on_one_scale`) and is computed only if the
+    first leaves a doubt.
     """
     own = explained(base.misfit, final.misfit)
     own = 1.0 if np.isnan(own) else own
@@ -345,19 +343,19 @@ def share_explained(base: Step, final: Step) -> tuple[float, float]:
 
 
 def fraction_explained(base: Step, final: Step) -> float | None:
-    """Return the larger of both shares of `share_explained`; None where there was no misfit."""
+    """Return the larger share of `share_explained`; None if there was no misfit."""
     if np.isnan(explained(base.misfit, final.misfit)):
         return None
     return max(share_explained(base, final))
 
 
 def uncalibrated(misfit: Misfit, *, remaining: bool = False) -> Uncalibrated:
-    """Return why the p-value of a misfit is not known."""
+    """Return why the p-value of a misfit is unknown."""
     return Uncalibrated(len(misfit.null), misfit.drawn, remaining)
 
 
 def _unknown(base: Step, supported: list[Support]) -> list[Reason]:
-    """Return why a model in which nothing was found wrong can't be taken as adequate for that."""
+    """Return why a model without a detected misfit may still not count as adequate."""
     if not base.misfit.is_calibrated:
         return [uncalibrated(base.misfit)]
     seen = power(base.trial.linear)
@@ -367,7 +365,7 @@ def _unknown(base: Step, supported: list[Support]) -> list[Reason]:
 
 
 def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iterator[Reason]:
-    """Yield why single causes are not to be named, each reason once."""
+    """Yield the distinct reasons against naming single causes."""
     yield from dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees)
     for one in supported:
         if not one.is_plausible:
@@ -378,9 +376,9 @@ def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iter
 
 
 def _structure(found: MissingTerms | None) -> list[Reason]:
-    """Return the term that the causes leave, if it is of any size and more than chance.
+    """Return the remaining term, if it has a relevant size and exceeds chance.
 
-    Held-out specimens need not confirm it: to give a term is a claim, to doubt a cause is none.
+    Held-out specimens need not confirm it: giving a term is a claim, doubting a cause is not.
     """
     first = None if found is None else found.best
     if found is None or first is None or first.largest < LEAST_CHANGE:
@@ -407,7 +405,7 @@ def _against(one: Support) -> Reason:
 
 
 def _against_all(base: Step, final: Step, structure: MissingTerms | None) -> list[Reason]:
-    """Return why all causes together are not to be named: what they leave of the readings."""
+    """Return why the causes together are not named: the misfit that they leave."""
     return [*_against_misfit(base, final), *_structure(structure)]
 
 

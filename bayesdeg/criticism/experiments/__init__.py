@@ -1,1 +1,1 @@
-"""What to measure next."""
+"""Proposals for the next experiments."""

@@ -1,6 +1,6 @@
-"""Terms that a misfit asks for as models that may be true: what would tell them apart.
+"""Experiments that tell apart terms that would remove a misfit.
 
-A term in known quantities becomes a cause that acts on the reading: everything is fitted again with
+A term in known quantities becomes a cause that acts on the reading: the model is fitted again with
 it, and experiments are ranked between such models as between any others.
 """
 
@@ -39,13 +39,13 @@ from bayesdeg.priors import Normal, Parameter
 Floats = NDArray[np.float64]
 
 WIDE = 2.0
-"""Standard deviation of the prior of a term's size, over the size found: it hardly pulls."""
+"""Standard deviation of the prior of a term's size, over the size found: hardly informative."""
 IN_QUESTION = 3  # terms between which experiments are ranked
 
 
 @dataclass(frozen=True)
 class TermOnReading:
-    """A term as it changes what a forward map predicts of actuators.
+    """A forward map of actuators modified by a term.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class TermOnReading:
         return self.term.scales[kind][0] if kind in self.term.scales else 1.0
 
     def _known(self, conditions: Conditions, size: Floats) -> KnownColumns:
-        """Return what is known of readings under conditions; new specimens are of no batch."""
+        """Return the known quantities of readings under conditions; new specimens have no batch."""
         pressure, level = conditions.pressure, conditions.degradation
         lag = np.maximum.accumulate(pressure, axis=-1) - pressure
         modulus = np.interp(level, self.rates, self.moduli)
@@ -108,7 +108,7 @@ class TermOnReading:
         return KnownColumns({n: np.nan_to_num(v) for n, v in numbers.items()}, labels)
 
     def _rate(self, level: Floats) -> NDArray[np.str_]:
-        """Return the group of rates of the study to which each rate belongs, if to any."""
+        """Return the study's group of rates to which each rate belongs, if any."""
         centres = levels(self.rates)[0]
         gap = np.abs(np.asarray(level)[..., None] - centres)
         names = np.array([f"{centre:.3g} %" for centre in centres])[np.argmin(gap, axis=-1)]
@@ -118,7 +118,7 @@ class TermOnReading:
 def term_trials(
     trial: Trial, found: MissingTerms, generator: np.random.Generator
 ) -> tuple[Trial, ...]:
-    """Return the model fitted again with each of the best terms, which fit about as well.
+    """Return the model fitted again with each of the best, about equally good terms.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def _in_question(found: MissingTerms) -> Iterator[tuple[KnownTerm, float]]:
 
 
 def term_cause(linear: Linear, term: KnownTerm, size: float) -> Cause:
-    """Return a term as a cause that acts on the readings of actuators.
+    """Return a term as a cause that acts on actuator readings.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The tests of a study as a pattern for further ones.
+"""Further experiments modelled on the tests of a study.
 
-The sizes of errors and of scatter from part to part are assumed: a calliper or a microscope on a
-soft part, a second gauge of the class of the first.
+Measurement errors and scatter between parts are assumed: a calliper or a microscope on a soft part,
+a second gauge of the same class as the first.
 """
 
 from collections.abc import Callable, Iterator
@@ -39,13 +39,13 @@ Floats = NDArray[np.float64]
 MOST_STEPS = 16
 MOST_COPIES = 3
 DWELL = 10.0  # s between readings where the study recorded no time
-SAME_LEVEL = 2.5  # points of degradation: nearer rates are no other level
+SAME_LEVEL = 2.5  # points of degradation: closer rates count as the same level
 LONG = 300.0  # s at one pressure
 
 
 @dataclass(frozen=True)
 class ActuatorDesign:
-    """What the actuators' tests of a study set.
+    """Design of a study's actuator tests.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class ActuatorDesign:
 
     @classmethod
     def of(cls, data: ActuatorCurves) -> Self:
-        """Return the design of a study's tests."""
+        """Return the design of a study's actuator tests."""
         levels = _levels(data.degradation[:, 0])
         counts = [len(_near(data, level)) for level in levels]
         steps = np.diff(data.time, axis=1)[data.mask[:, 1:]]
@@ -84,12 +84,12 @@ class ActuatorDesign:
 
     @property
     def long_hold(self) -> bool:
-        """Whether one pressure was ever held for long."""
+        """Whether any pressure was held for long."""
         same = np.isclose(np.diff(self.data.pressure, axis=1), 0.0)
         return bool(np.any(same & (np.diff(self.data.time, axis=1) >= LONG)))
 
     def pressures(self, level: float) -> Floats:
-        """Return the steps of a loading [kPa], up to what half of the specimens there reached."""
+        """Return the steps of a loading [kPa], up to the pressure that half of them reached."""
         rows = _near(self.data, level)
         read = self.data.mask[rows]
         highest = np.where(read, self.data.pressure[rows], 0.0).max(axis=1)
@@ -104,7 +104,7 @@ class ActuatorDesign:
         return float(self.data.degradation_sd[_near(self.data, level)].mean())
 
     def another_level(self, last_of_films: float) -> float | None:
-        """Return a degradation rate that was not tested, at which the films' law is known."""
+        """Return an untested degradation rate at which the films' law is known."""
         if last_of_films - self.levels[-1] > SAME_LEVEL:
             return last_of_films
         gaps = np.diff(self.levels)
@@ -126,7 +126,7 @@ class ActuatorDesign:
         batches: tuple[int, ...] | None = None,
         angle: bool = False,
     ) -> ActuatorCurves:
-        """Return tests without readings, all on the same pressures; the rest is as it was."""
+        """Return tests without readings, all at the same pressures, otherwise unchanged."""
         shape = (len(levels), len(pressure))
         usual_times = np.arange(len(pressure)) * (self.dwell if self.timed else np.nan)
         usual = str(_most_common(self.data.mount[self.data.mask]))
@@ -161,7 +161,7 @@ class ActuatorDesign:
         return np.array([[_most_common(batch[_near(self.data, level)])] for level in levels])
 
     def batch_name(self, number: int) -> str:
-        """Return what the study calls a batch; empty where no specimen of it has a name."""
+        """Return the study's name of a batch; empty if none is recorded."""
         data = self.data
         if data.batch is None or data.batch_name is None:
             return ""
@@ -178,7 +178,7 @@ class ActuatorDesign:
         batch: str = "",
         hold: float = 0.0,
     ) -> Experiment:
-        """Return an experiment on so many specimens as the study has of a level."""
+        """Return an experiment on as many specimens as the study has per level."""
         return Experiment(
             ExperimentPlan(
                 kind,
@@ -199,7 +199,7 @@ class ActuatorDesign:
 
 @dataclass(frozen=True)
 class FilmDesign:
-    """What the films' tests of a study set.
+    """Design of a study's film tests.
 
     Parameters
     ----------
@@ -217,13 +217,13 @@ class FilmDesign:
 
     @classmethod
     def of(cls, data: TensileCurves) -> Self:
-        """Return the design of a study's tests of films."""
+        """Return the design of a study's film tests."""
         level = float(data.degradation.min())
         there = int(np.sum(np.abs(data.degradation - level) < SAME_LEVEL))
         return cls(data, level, min(there, MOST_COPIES))
 
     def curves(self, mode: str) -> TensileCurves:
-        """Return a test of one film in another mode, up to half the elongation reached so far."""
+        """Return a test of one film in a new mode, up to half the elongation reached so far."""
         rows = np.flatnonzero(np.abs(self.data.degradation - self.level) < SAME_LEVEL)
         largest = float(np.median(self.data.stretch[rows].max(axis=1)))
         count = min(int(self.data.mask[rows].sum(axis=1).max()), MOST_STEPS)
@@ -246,20 +246,20 @@ class FilmDesign:
 
 
 def _usual(values: Floats | None) -> float:
-    """Return the median of what was recorded; nan where nothing was."""
+    """Return the median of the recorded values; nan without any."""
     known = np.empty(0) if values is None else values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else np.nan
 
 
 def _most_common[T: np.generic](values: NDArray[T]) -> T:
-    """Return what occurs most often, the first in order where several do."""
+    """Return the most frequent value, the first in order if several are."""
     found, counts = np.unique(values, return_counts=True)
     common: T = found[np.argmax(counts)]
     return common
 
 
 def _levels(rates: Floats) -> tuple[float, ...]:
-    """Return the mean of each group of rates that follow each other closely, rounded to 0.1 %."""
+    """Return the mean of each group of close rates, rounded to 0.1 %."""
     rising = np.sort(rates)
     groups = np.split(rising, np.flatnonzero(np.diff(rising) >= SAME_LEVEL) + 1)
     return tuple(float(round(group.mean(), 1)) for group in groups)
@@ -273,18 +273,18 @@ def _near(data: ActuatorCurves, level: float) -> NDArray[np.intp]:
 
 Flags = NDArray[np.bool_]
 
-LENGTH_ERROR = 0.01  # of the length: 0.5 mm in 50 mm, calliper and moulding
+LENGTH_ERROR = 0.01  # relative error of the length: 0.5 mm in 50 mm, calliper and moulding
 WALL_ERROR = 0.05 / NOMINAL_WALL  # 0.05 mm under a microscope
-WALL_SCATTER = 0.02  # of the thickness, from part to part
-STRIP_ERROR = 0.05  # of the stiffness of a small strip, beside the specimens' scatter
-PAPER_ERROR = 0.05  # of the stiffness of a strip of paper, with its scatter
+WALL_SCATTER = 0.02  # relative scatter of the thickness, between parts
+STRIP_ERROR = 0.05  # relative error of the stiffness of a small strip, besides specimen scatter
+PAPER_ERROR = 0.05  # relative error of the stiffness of a strip of paper, including its scatter
 GAUGE_ERROR = 1.0  # kPa
-WEIGHING_ERROR = 1.0  # points of the degradation rate of one weighed piece
+WEIGHING_ERROR = 1.0  # error of the degradation rate of one weighed piece, in points
 
 
 @dataclass(frozen=True)
 class Part:
-    """The part as it really is in the eyes of a model.
+    """The actual part according to a model.
 
     Parameters
     ----------
@@ -301,14 +301,14 @@ class Part:
     values: Named
 
     def of(self, name: str) -> Floats:
-        """Return an input, neutral where no cause changed it."""
+        """Return an input, neutral if no cause changed it."""
         value = getattr(self.inputs, name)
         return np.asarray(NEUTRAL[name] if value is None else value)
 
 
 @dataclass(frozen=True)
 class Measurand:
-    """What is measured of a part.
+    """A quantity measured on a part.
 
     Parameters
     ----------
@@ -389,7 +389,7 @@ class PartMeasurements:
             linear_scale=linear_scale(values)[:, None, None],
             paper_stiffness=layer_stiffness(values)[:, None, None],
         )
-        # what is a response of the material to the load is no property of the part
+        # responses of the material to the load are not properties of the part
         lasting = (one for one in causes if one.cause.stage <= Stage.LOAD)
         return Part(applied("on_inputs", inputs, conditions, lasting), believed, values)
 
@@ -468,16 +468,16 @@ MOUNTS = ("hanging", "bending_up", "bending_down", "horizontal")
 MODES = ("equibiaxial", "planar", "uniaxial")
 FRESH = 0.5  # %
 WARMER = 6.0
-"""Degrees above the usual room: a heated room, 30 instead of 24 °C. Gels of gelatin with water
-alone melt there; a pneumatic actuator is of one that does not."""
+"""Degrees above the usual room temperature: a heated room, 30 instead of 24 °C. Gelatin gels with
+only water melt there; a pneumatic actuator is of one that does not."""
 
 
 def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
-    """Return the experiments that the tests of a study could be followed by.
+    """Return the possible next experiments of a study.
 
-    They keep to the pressures, to the degradation rates and to the number of specimens of the
-    study. Tests that can be made at any degradation rate are offered at the lowest and at the
-    highest; `bayesdeg.criticism.experiments.ranking.rank` keeps the better one.
+    They keep to the pressures, degradation rates and number of specimens of the study. Tests that
+    are possible at any degradation rate are proposed at the lowest and the highest;
+    `bayesdeg.criticism.experiments.ranking.rank` keeps the better one.
 
     Parameters
     ----------
@@ -507,7 +507,7 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
 
 
 def _histories(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
-    """Yield tests at one degradation rate whose load has another course, or another mount."""
+    """Yield tests at one degradation rate with a different load history or mount."""
     data, rising = design.data, design.pressures(level)
     steps = np.linspace(0.0, (2 * len(rising) - 1) * design.dwell, 2 * len(rising))
     if not np.any(data.branch == "unloading"):
@@ -538,7 +538,7 @@ def _histories(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
 
 
 def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
-    """Yield tests at one degradation rate that read more."""
+    """Yield tests at one degradation rate with more readings."""
     rising = design.pressures(level)
     if len(rising) > 1:
         between = 0.5 * (rising + np.append(0.0, rising[:-1]))
@@ -550,7 +550,7 @@ def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
 
 
 def _at_levels(design: ActuatorDesign, model: JointModel) -> Iterator[Experiment]:
-    """Yield tests at another degradation rate, and one more specimen at each."""
+    """Yield tests at a further degradation rate, and one more specimen at each."""
     new = design.another_level(model.nodes[-1])
     if new is not None:
         yield design.experiment("another level", design.curves([new], design.pressures(new)))
@@ -562,7 +562,7 @@ def _at_levels(design: ActuatorDesign, model: JointModel) -> Iterator[Experiment
 
 
 def _rooms(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
-    """Yield a test in a warmer room, where actuators were in rooms of about one temperature."""
+    """Yield a test in a warmer room, if all rooms had about the same temperature."""
     rooms = design.data.conditions.room_temperature
     known = rooms[np.isfinite(rooms)]
     if len(known) and np.ptp(known) >= WARMER:
@@ -575,14 +575,14 @@ def _rooms(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
 def _batches(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
     """Yield tests of batches that were not tested at a degradation rate.
 
-    Of actuators of one batch, or of none that was recorded, two are compared side by side.
+    If all actuators are of one batch, or none is recorded, two batches are compared.
     """
     data, rising = design.data, design.pressures(level)
     batch = data.conditions.batch[:, 0]
     known, there = np.unique(batch), batch[_near(data, level)]
     if len(known) == 1:
         curves = design.curves([level, level], rising, batches=(0, 1))
-        # no more than other tests take, but at least one of each batch
+        # no more than in other tests, but at least one of each batch
         half = replace(design, copies=max(design.copies // 2, 1))
         yield half.experiment("two batches", curves)
     elif known[-1] <= len(CONTRASTS):
@@ -592,7 +592,7 @@ def _batches(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
 
 
 def _volumes(design: ActuatorDesign, level: float, model: JointModel) -> Iterator[Experiment]:
-    """Yield a test that reads what the chambers take up, where the forward map answers it."""
+    """Yield a test that reads the chamber volume, if the forward map predicts it."""
     if model.of_kind(CavityVolume):
         return
     curves = design.curves([level], design.pressures(level))
@@ -640,7 +640,7 @@ def _of_part(design: ActuatorDesign, level: float, *, with_paper: bool) -> Itera
 
 
 def _modes(films: FilmDesign) -> Iterator[Experiment]:
-    """Yield tests of films in modes of tension that there are none of."""
+    """Yield tests of films in modes of tension that were not tested."""
     for mode in [m for m in MODES if m not in films.data.modes]:
         plan = ExperimentPlan(mode, films.copies, (films.level,))
         yield Experiment(plan, FilmTests(films.curves(mode), films.copies))

@@ -1,8 +1,8 @@
-r"""What could still be read: tests of actuators, tests of films, measurements of the part.
+r"""Ranking of experiments by the expected log Bayes factor between causes.
 
-Under each cause the readings of a new experiment follow a law that the data so far fix: draws θ of
-its posterior give expected readings f(θ) and a covariance V(θ) of errors and of specimens, so that
-about
+Under each cause the data so far determine the predictive distribution of a new experiment: draws θ
+of the posterior give expected readings f(θ) and a covariance V(θ) of errors and specimens, so that
+approximately
 
 .. math:: y \mid c \sim N(\bar f, \mathrm{cov} f(\theta) + \bar V)
 
@@ -48,7 +48,7 @@ Flags = NDArray[np.bool_]
 
 
 class Measurement(Protocol):
-    """What would be read on new specimens of S kinds, so many of each kind."""
+    """Readings on new specimens of S kinds, several of each kind."""
 
     @property
     def copies(self) -> int:
@@ -62,7 +62,7 @@ class Measurement(Protocol):
 
     @property
     def errors(self) -> tuple[Parameter, ...]:
-        """Parameters of its errors that tests of a study need not have."""
+        """Parameters of its errors that the study's tests may lack."""
         ...
 
     def expected(self, model: JointModel, values: Named) -> Floats:
@@ -134,7 +134,7 @@ class ActuatorTests:
 
 @dataclass(frozen=True)
 class VolumeTests:
-    """Actuators under pressure of which the cavity's volume is read besides the curvature.
+    """Actuators under pressure with readings of cavity volume as well as curvature.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ class FilmTests:
 def with_noise(
     values: Named, generator: np.random.Generator, errors: tuple[Parameter, ...] = ()
 ) -> dict[str, Floats]:
-    """Return named values with the noise of what was never read so far, as its prior has it.
+    """Return named values with the prior noise of quantities never read so far.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ NO_CAUSE = "no cause"
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model that may be true, and draws of its parameters.
+    """A possible model, and draws of its parameters.
 
     Parameters
     ----------
@@ -331,15 +331,15 @@ def _untested(
     return Hypothesis(cause.name, model, vectors)
 
 
-ANSWERED = 0.9  # share of draws that must have an answer at a reading
-COMPLETE = 0.5  # and share of draws that must have one at all readings
+ANSWERED = 0.9  # share of draws that must be computable at a reading
+COMPLETE = 0.5  # and share of draws that must be computable at all readings
 SCATTERS = 50  # draws over which the scatter of readings is averaged
 SIMULATED = 300  # data sets
 
 
 @dataclass(frozen=True)
 class ReadingsLaw:
-    """Normal law of the readings of k specimens that are tested alike.
+    """Normal law of the readings of k specimens tested in the same way.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ class ReadingsLaw:
     def divergence(self, other: "ReadingsLaw") -> float:
         """Return the Kullback–Leibler divergence to another law of as many specimens [nats].
 
-        It is the expected log Bayes factor where the readings have this law.
+        It is the expected log Bayes factor if the readings have this law.
 
         Examples
         --------
@@ -446,7 +446,7 @@ def foretell(
 
 
 def separation(first: Foretold, second: Foretold) -> tuple[Separation, Separation]:
-    """Return what is expected if the first is the truth, and if the second is."""
+    """Return the expectations if the first is true, and if the second is."""
     return _expected(first, second.law), _expected(second, first.law)
 
 
@@ -502,13 +502,13 @@ def _divergence(shift: Floats, first: Floats, second: Floats) -> float:
 
 
 LEAST = 1.0
-"""Expected log Bayes factor below which an experiment does not tell two causes apart."""
+"""Least expected log Bayes factor of an experiment that tells two causes apart."""
 MOST = 8
 
 
 @dataclass(frozen=True)
 class ExperimentPlan:
-    """What to do in an experiment.
+    """Instructions of an experiment.
 
     Parameters
     ----------
@@ -565,12 +565,12 @@ class Experiment:
 
     @property
     def kind(self) -> str:
-        """Which kind of experiment it is."""
+        """Kind of experiment."""
         return self.plan.kind
 
     @property
     def specimens(self) -> int:
-        """What it costs."""
+        """Cost."""
         return self.plan.specimens
 
     @property
@@ -581,7 +581,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Pair:
-    """What an experiment is expected to add to the log Bayes factor between two causes.
+    """Expected contribution of an experiment to the log Bayes factor between two causes.
 
     Parameters
     ----------
@@ -601,7 +601,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Ranked:
-    """An experiment and what it would tell.
+    """An experiment and its expected evidence.
 
     Parameters
     ----------
@@ -633,7 +633,7 @@ def rank(
     untested: Sequence[Cause] = (),
     executor: Executor | None = None,
 ) -> tuple[Ranked, ...]:
-    """Rank experiments by what they are expected to tell of the models in question.
+    """Rank experiments by their expected evidence between the models in question.
 
     With more than two models, experiments that tell more pairs apart come first, then those with
     the larger expected log Bayes factor for the worst of these pairs; ties (0.1) go by cost.
@@ -674,7 +674,7 @@ def rank_hypotheses(
     *,
     executor: Executor | None = None,
 ) -> tuple[Ranked, ...]:
-    """Rank experiments by what they are expected to tell of hypotheses, as `rank` does."""
+    """Rank experiments by their expected evidence between hypotheses, as `rank` does."""
     best: dict[str, Ranked] = {}
     children = generator.spawn(len(experiments))
     jobs = [(e.measurement, child) for e, child in zip(experiments, children, strict=True)]
@@ -698,10 +698,10 @@ def _compared(
 def compare(
     hypotheses: Sequence[Hypothesis], measurement: Measurement, generator: np.random.Generator
 ) -> tuple[Pair, ...]:
-    """Return what a measurement is expected to tell of every pair, the best told apart first.
+    """Return the expected evidence of a measurement for every pair, the best first.
 
-    Readings are left out at which any hypothesis refuses more than a tenth of its draws; nothing is
-    returned where that leaves none, or less than half of the draws of a hypothesis.
+    Readings are left out if any hypothesis refuses more than a tenth of its draws there; the
+    result is empty if that leaves none, or less than half of the draws of a hypothesis.
     """
     named = [_named(h, generator, measurement.errors) for h in hypotheses]
     foretold = foretell(named, measurement, generator)
@@ -715,10 +715,10 @@ def compare(
 def next_experiments_document(
     ranked: Sequence[Ranked], word: Callable[[ExperimentPlan], str], *, most: int = MOST
 ) -> list[dict[str, object]]:
-    """Return ``next_experiments`` of ``verdict.json``: the best that tell something apart.
+    """Return ``next_experiments`` of ``verdict.json``: the best ones that tell causes apart.
 
-    Beside what the contract asks for, each has the Monte Carlo error, the cost in specimens and
-    readings, and every pair of causes in question.
+    Besides the required keys, each has the Monte Carlo error, the cost in specimens and readings,
+    and every pair of causes in question.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""A model of readings is fitted: linearised, screened, searched."""
+"""Fitting causes to readings: linearisation, screening and search."""

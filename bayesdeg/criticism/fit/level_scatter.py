@@ -1,20 +1,20 @@
-r"""Specimens of one level that deviate together, which a fit takes for scatter of each.
+r"""Specimens of one level that deviate together, which a fit mistakes for independent scatter.
 
-Where a cause goes with what was set for whole specimens, as the degradation rate, all specimens of
-a level deviate alike. A fit without that cause can only let specimens scatter more, and then finds
-nothing wrong: everything is within a scatter that no two specimens of a level show. So the readings
-are asked whether they deviate together. With :math:`J_k` what the deviation of specimen k does to
-its readings, and scatter s from specimen to specimen, they are N(m, Σ) with
+If a cause depends on a setting of whole specimens, such as the degradation rate, all specimens of a
+level deviate equally. A fit without that cause can only increase the specimen scatter, and then
+finds no misfit, although specimens within a level do not scatter that much. So the readings are
+tested for common deviations. With :math:`J_k` the effect of the deviation of specimen k on its
+readings, and scatter s between specimens, they are N(m, Σ) with
 
 .. math:: \Sigma(s, t) = V(s) + X \Lambda^{-1} X^T + t^2 \sum_l B_l B_l^T,
           \qquad B_l = \sum_{k \in l} J_k,
 
-the sum over levels of several specimens. Batches, and warmth with :math:`J_k` times its departure
-from the mean, are looked at alike where they were recorded of specimens, alone and with the levels.
-What t > 0 gains over t = 0, each at its best s, is the log-likelihood ratio of a scatter that is
-shared (Searle, Casella and McCulloch 1992, Variance components, doi:10.1002/9780470316856). Where
-it is clear, the model is criticised at the scatter that specimens have beside it, and what they
-share is misfit.
+the sum over levels with several specimens. Batches, and temperature with :math:`J_k` times its
+departure from the mean, are treated in the same way if they were recorded, alone and with the
+levels. The gain of t > 0 over t = 0, each at its best s, is the log-likelihood ratio of a shared
+scatter (Searle, Casella and McCulloch 1992, Variance components, doi:10.1002/9780470316856). If it
+is clear, the model is criticised at the remaining specimen scatter, and the shared part counts as
+misfit.
 """
 
 from collections.abc import Iterable
@@ -36,15 +36,15 @@ of one degree of freedom, each half of the time (Self and Liang 1987, doi:10.230
 chance gives it in one study of 1,300; with as few specimens as are tested in one of 600 to 1,300,
 and up to three times as often where batches and warmth are looked at too."""
 SHARED = (0.5, 1.0, 2.0)
-"""Standard deviations of what a level shares that are tried, over the fitted scatter."""
+"""Tried standard deviations of the shared part, over the fitted scatter."""
 SMALLEST, STEPS = 0.05, 10
-"""Smallest scatter within levels that is tried, over the fitted one, and how many."""
+"""Smallest tried scatter within levels, over the fitted one, and number of values."""
 FIRST = 0.25
-"""Scatter over the fitted one at which it is seen in three densities whether more are worth it."""
+"""Scatter over the fitted one at which three densities show whether more are worthwhile."""
 
 
 def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
-    """Return the model at the scatter of specimens within levels, where levels deviate together.
+    """Return the model at the scatter within levels, if specimens of levels deviate together.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
 
 
 def _gain(law: "_Law", shared: Floats) -> tuple[float, float]:
-    """Return the log-likelihood ratio of what is shared, and the scatter that it leaves."""
+    """Return the log-likelihood ratio of a shared part, and the remaining scatter."""
     fitted = float(law.linear.mode[law.place])
     [alone] = law.log_densities(fitted, shared, (0.0,))
     if max(law.log_densities(fitted + np.log(FIRST), shared, SHARED)) < alone:
@@ -119,7 +119,7 @@ class _Law:
         return [law.log_density(residual) - prior for law in laws]
 
     def _scatter(self, mode: Floats) -> Floats:
-        """Return V(s): of specimens with deviations the fitted one, less what they lose."""
+        """Return V(s): the fitted covariance, less the reduction of specimen scatter."""
         total = self.linear.subject.scatter(mode)
         slope, rows = self.own.slope, np.any(self.own.slope, axis=1)
         lost = self.own.spread - self.linear.subject.deviations(mode).spread
@@ -129,7 +129,7 @@ class _Law:
 
 
 def _scatters(linear: Linear, own: Deviations) -> list[int]:
-    """Return parameters that widen the scatter of specimens and nothing else, none of a cause."""
+    """Return parameters that only widen specimen scatter, without those of causes."""
     subject = linear.subject
     of_causes = {k for cause in subject.causes for k in columns_of(subject, cause)}
     still = ~is_seen(linear.whiten_columns(linear.jacobian))
@@ -143,7 +143,7 @@ def _scatters(linear: Linear, own: Deviations) -> list[int]:
 
 
 def _together(linear: Linear, own: Deviations) -> list[Floats]:
-    """Return what groups of specimens may share, each (n, number of groups).
+    """Return the common deviations of groups of specimens, each (n, number of groups).
 
     Levels of what was set, what was recorded of each specimen (batch and warmth), and both.
     """
@@ -156,9 +156,9 @@ def _together(linear: Linear, own: Deviations) -> list[Floats]:
 
 
 def _of_levels(linear: Linear, own: Deviations, read: Floats) -> Floats:
-    """Return what a deviation of each level that has several specimens does.
+    """Return the effect of a common deviation of each level with several specimens.
 
-    Specimens of other families, as films beside actuators, are other levels.
+    Specimens of different families, such as films and actuators, form different levels.
     """
     if not len(own.spread):
         return np.zeros((len(linear.mean), 0))
@@ -169,7 +169,7 @@ def _of_levels(linear: Linear, own: Deviations, read: Floats) -> Floats:
 
 
 def _of_conditions(linear: Linear, read: Floats) -> Floats:
-    """Return what a deviation of each batch does, and one that goes with warmth."""
+    """Return the effects of a deviation of each batch, and of one with temperature."""
     actuator = linear.subject.actuator
     if actuator is None or read.shape[1] != len(actuator.specimens):
         return np.zeros((len(read), 0))
@@ -181,7 +181,7 @@ def _of_conditions(linear: Linear, read: Floats) -> Floats:
 
 
 def _warmth(temperature: Floats, count: int) -> Floats:
-    """Return how much warmer than the mean each test was, of a spread of 1, (count, 0 or 1)."""
+    """Return the standardised temperature of each test, (count, 0 or 1)."""
     warmth = np.broadcast_to(temperature, count)
     known = np.isfinite(warmth)
     if not known.any() or np.ptp(warmth[known]) == 0.0:

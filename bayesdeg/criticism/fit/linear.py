@@ -1,4 +1,4 @@
-r"""A covariance of specimens' own blocks and of what they share, and the scale on which it is one.
+r"""Linearised models: a covariance of specimen blocks plus a low-rank part, and its whitening.
 
 .. math:: \Sigma = B (I + Q D^2 Q^T) B^T, \qquad B B^T = V,\quad Q D = B^{-1} X \Lambda^{-1/2}
 
@@ -32,12 +32,12 @@ from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 
-FAINT = 1e-12  # of the largest: a direction in which nothing is shared
+FAINT = 1e-12  # relative to the largest: a direction in which nothing is shared
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """A covariance Σ as maps to the scale on which it is the unit matrix, and back.
+    """A covariance Σ as maps to the whitened scale and back.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Whitening:
         return cls(lower, inverse, nothing, np.zeros(0)).sharing(shared)
 
     def sharing(self, shared: Floats) -> "Whitening":
-        """Return that of the same scatter with something else shared, (n, r)."""
+        """Return the whitening for the same scatter and a different shared part, (n, r)."""
         vectors, size, _ = np.linalg.svd(_finite(self.inverse @ shared), full_matrices=False)
         kept = size > FAINT * size.max(initial=1.0)
         if not np.all(np.isfinite(shared)):
@@ -92,7 +92,7 @@ class Whitening:
 
     @cached_property
     def is_finite(self) -> bool:
-        """Whether there is a number everywhere."""
+        """Whether all values are finite."""
         return bool(np.all(np.isfinite(self.lower.data)) and np.all(np.isfinite(self.basis)))
 
     @property
@@ -158,7 +158,7 @@ def _finite(columns: Floats) -> Floats:
 
 ROUNDING = 1e-6  # standard deviations of the readings
 SHORT = 1e-3  # standard deviations, of differences
-SMALL = 0.25  # of a prior's size: large enough to see an effect, small enough to be near neutral
+SMALL = 0.25  # step in prior sizes: large enough to show an effect, small enough to be near neutral
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ class Linear:
 
     @property
     def is_known(self) -> bool:
-        """Whether the model answers at and about the mode."""
+        """Whether the model can be evaluated at and around the mode."""
         return bool(np.all(np.isfinite(self.mean))) and self.whitening.is_finite
 
     @cached_property
@@ -221,7 +221,7 @@ class Linear:
         return total
 
     def with_scatter(self, scatter: Floats) -> "Linear":
-        """Return the model with another scatter V, (n, n), and what it shares as it is."""
+        """Return the model with a different scatter V, (n, n), and the same shared part."""
         shared = self.whitening.lower @ (self.whitening.basis * self.whitening.size)
         return replace(self, scatter=scatter, whitening=Whitening.of(scatter, shared))
 
@@ -231,10 +231,10 @@ class Linear:
         return self.whiten(self.subject.observed)
 
     def straightened(self, vectors: Floats, simulated: Floats) -> Floats:
-        """Return data sets simulated at posterior draws as a model linear in δ makes them, (k, n).
+        """Return data sets simulated at posterior draws with the model linear in δ, (k, n).
 
-        f + X (θ − mode) with the simulated errors and specimens' deviations: what is compared with
-        them was fitted to its own data, about which it was linearised, and they are not.
+        f + X (θ − mode) with the simulated errors and specimen deviations, since the observed data,
+        unlike these, are those about which the model was linearised.
 
         Parameters
         ----------
@@ -248,7 +248,7 @@ class Linear:
         return straight
 
     def unexplained(self, whitened: Floats) -> Floats:
-        """Return what of whitened data (..., n) is error and scatter after the refit, (..., n).
+        """Return the part of whitened data that is error and scatter after the refit, (..., n).
 
         The posterior mean of e: V (V + X Λ⁻¹ Xᵀ)⁻¹ (y − mean), in the readings' units.
         """
@@ -285,7 +285,7 @@ def linearise(
     if uncertain is None:
         uncertain = rest_covariance(subject, mode)
     scatter = subject.scatter(mode)
-    # where the model does not answer nothing is finite, which `is_known` says
+    # non-finite values where the model cannot be evaluated, see `is_known`
     whitening = Whitening.of(scatter, jacobian @ rooted(uncertain))
     moves = is_seen(whitening.whitened(jacobian))
     if centre is None:
@@ -317,8 +317,8 @@ def rest_covariance(subject: JointModel, start: Floats) -> Floats:
 def rest_law(subject: JointModel, start: Floats) -> tuple[Floats, Floats]:
     """Return mean and covariance of the parameters given priors and all but the readings.
 
-    They are those of draws and not mode and inverse curvature: laws of few replicates have heavy
-    tails, in the flank of which their curvature says nothing.
+    They come from draws, not from mode and inverse curvature: laws of few replicates have heavy
+    tails, where the curvature is meaningless.
     """
     rest, generator = subject.rest(), np.random.default_rng(0)
     laplace = approximate(rest, generator, start=start)
@@ -334,7 +334,7 @@ def rest_law(subject: JointModel, start: Floats) -> tuple[Floats, Floats]:
 def with_prior_moments(
     mean: Floats, covariance: Floats, density: Density, extended: Density
 ) -> tuple[Floats, Floats]:
-    """Return mean and Λ⁻¹ of an extended model: what was added is known from its prior alone.
+    """Return mean and Λ⁻¹ of an extended model, with priors for the added parameters.
 
     Parameters
     ----------
@@ -360,14 +360,14 @@ def with_prior_moments(
 def is_seen(columns: Floats) -> NDArray[np.bool_]:
     """Return which whitened columns (n, k) change the mean by more than rounding, (k,).
 
-    What only widens a scatter does not.
+    Parameters that only widen a scatter do not.
     """
     seen: NDArray[np.bool_] = np.max(np.abs(columns), axis=0, initial=0.0) > ROUNDING
     return seen
 
 
 def effects(linear: Linear, cause: Cause, sizes: Floats) -> Floats:
-    """Return whitened changes of the readings where a cause has these sizes, (k, n).
+    """Return whitened changes of the readings for these sizes of a cause, (k, n).
 
     Parameters
     ----------
@@ -402,12 +402,12 @@ def sensitivities(linear: Linear, cause: Cause) -> Floats:
 
 
 def neutral_sizes(cause: Cause) -> Floats:
-    """Return the parameters of a cause where it has no effect, on the unconstrained scale."""
+    """Return the neutral parameters of a cause on the unconstrained scale."""
     return np.array([float(p.law.to_unconstrained(p.neutral or 0.0)) for p in cause.parameters])
 
 
 def prior_size(parameter: Parameter) -> float:
-    """Return the root mean square distance of a prior from its neutral value.
+    """Return the rms distance of a prior from its neutral value.
 
     It is taken on the sampler's scale, on which positive parameters are logarithms.
 
@@ -441,7 +441,7 @@ def log_bayes_factor(whitened: Floats, columns: Floats) -> Floats:
 
 
 def jacobian_of(subject: JointModel, mode: Floats, step: float = 1e-3) -> Floats:
-    """Central differences; one-sided where the other side is outside the forward map's range."""
+    """Central differences; one-sided if the other side is outside the forward map's range."""
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
     curves = subject.expected(around)

@@ -1,8 +1,8 @@
-r"""Causes on one linear scale: each at its most probable size, and every set of them at once.
+r"""Screening of causes and of all their sets on one linear scale.
 
-Fast, to see which deserve a full fit. The model's own parameters are integrated out in the
-linearised model; the size φ of a cause alone goes through the full equations, so that strong
-effects are judged at the size that they have. With z the whitened readings and d(φ) the whitened
+A fast way to find the causes that deserve a full fit. The model's own parameters are integrated
+out in the linearised model; only the size φ of a cause goes through the full equations, so that
+strong effects are judged at their actual size. With z the whitened readings and d(φ) the whitened
 effect,
 
 .. math::
@@ -20,9 +20,8 @@ alone. With v the sizes in prior units from neutral, standard normal before the 
             - \ln \det (I + S^T S) \right]
             + \sum_j \ln \frac{P(v_j \in \text{support} \mid t)}{P(v_j \in \text{support})},
 
-the last for priors that end at a bound: a pair that needs a leak of a negative size has no evidence
-to speak of. All follows from one matrix of inner products, so that thousands of sets take
-milliseconds.
+the last for priors with a bound: a pair that needs a leak of negative size has negligible evidence.
+All follows from one matrix of inner products, so thousands of sets take milliseconds.
 """
 
 from collections.abc import Sequence
@@ -45,12 +44,12 @@ from bayesdeg.priors import ParameterTable
 Floats = NDArray[np.float64]
 Places = NDArray[np.int64]
 
-DRAWS = 128  # from each of the prior and the neighbourhood of the most probable size
+DRAWS = 128  # draws from each of the prior and the neighbourhood of the most probable size
 CLIMBS = 6
-STEP = 1e-2  # of differences, in prior sizes
-WIDTHS = 9  # sizes of what widens the scatter
+STEP = 1e-2  # step of differences, in prior sizes
+WIDTHS = 9  # sizes tried of parameters that widen the scatter
 SHORTER = (1.0, 0.5, 0.25, 0.1)
-IMPOSSIBLE = -1e6  # log probability that stands for none: no factor of a study comes near it
+IMPOSSIBLE = -1e6  # log probability in place of −∞: no factor of a study comes near it
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Screened:
 
 
 def screen(linear: Linear, cause: Cause) -> Screened:
-    """Judge one cause on the data of a linearised model."""
+    """Screen one cause on the data of a linearised model."""
     z = linear.observed
     prior = _prior_draws(cause)
     changes = effects(linear, cause, prior)
@@ -143,7 +142,7 @@ def _local(linear: Linear, cause: Cause, size: Floats, units: Floats) -> tuple[F
 
 
 def _climbed(linear: Linear, cause: Cause, size: Floats, units: Floats) -> tuple[Floats, bool]:
-    """Make one step of Gauss and Newton, as long as it climbs."""
+    """Make one Gauss–Newton step, if it climbs."""
     effect, columns = _local(linear, cause, size, units)
     step = STEP * np.diag(units)
     around = np.vstack([size, size + step, size - step])
@@ -185,7 +184,7 @@ def _evidence(
 
 
 def _widening(linear: Linear, one: Screened) -> float:
-    """Return what parameters that widen the scatter add, averaged over their prior.
+    """Return the log Bayes factor of parameters that widen the scatter, averaged over their prior.
 
     The other parameters are integrated out, linear about their most probable size.
     """
@@ -239,7 +238,7 @@ def _normal(residual: Floats, covariance: Floats) -> float:
 
 @dataclass(frozen=True)
 class JointScreening:
-    """Causes that were screened, each linear about its own size, to be put together in any set.
+    """Screened causes, each linear about its own size, for combination in any set.
 
     Parameters
     ----------
@@ -280,7 +279,7 @@ class JointScreening:
 
     @classmethod
     def of(cls, observed: Floats, screened: Sequence[Screened]) -> "JointScreening":
-        """Put screened causes together on the scale on which they were screened.
+        """Combine screened causes on the scale on which they were screened.
 
         Parameters
         ----------
@@ -303,10 +302,10 @@ class JointScreening:
 
     @classmethod
     def at(cls, linear: Linear, screened: Sequence[Screened], scatter: Floats) -> "JointScreening":
-        """Put causes together that were screened on a model, against another scatter of it.
+        """Combine causes screened on a model, with a different scatter.
 
-        A model that lacks two causes widens its errors until both look small; the scatter of one
-        that has what was found so far does not.
+        A model that lacks two causes widens its errors until both look small; with the scatter of
+        the model found so far they do not.
 
         Parameters
         ----------
@@ -334,7 +333,7 @@ class JointScreening:
         return self.factors(self.all_sets(1))
 
     def all_sets(self, size: int) -> Places:
-        """Return every set of so many causes as places in `causes`, (n_sets, size)."""
+        """Return every set of this many causes as indices into `causes`, (n_sets, size)."""
         found = list(combinations(range(len(self.causes)), size))
         return np.array(found, dtype=np.int64).reshape(-1, size)
 
@@ -343,7 +342,7 @@ class JointScreening:
         return frozenset(self.causes[k].name for k in places)
 
     def places_of(self, names: frozenset[str]) -> Places | None:
-        """Return a set as places (size,); None where one of them changes no reading."""
+        """Return a set as indices (size,); None if one of them changes no reading."""
         known = [cause.name for cause in self.causes]
         if not names <= set(known):
             return None
@@ -447,14 +446,14 @@ def _in_units(one: Screened, width: int) -> tuple[Floats, Floats, Floats]:
 
 
 def _padded(rows: Floats, width: int, value: float = 0.0) -> Floats:
-    """Return rows with more of them of one value, up to a width."""
+    """Return rows padded with a value up to a width."""
     more = [(0, width - len(rows))] + [(0, 0)] * (rows.ndim - 1)
     return np.pad(rows, more, constant_values=value)
 
 
 def _log_probability(low: Floats, high: Floats) -> Floats:
     """Return ln of the probability that a standard normal number is between two bounds."""
-    flip = low > 0.0  # the upper tail as the lower one, where the law is accurate
+    flip = low > 0.0  # use the lower tail, where the function is accurate
     low, high = np.where(flip, -high, low), np.where(flip, -low, high)
     upper, lower = log_ndtr(high), log_ndtr(low)
     with np.errstate(divide="ignore", invalid="ignore"):

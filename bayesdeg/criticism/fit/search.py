@@ -1,13 +1,12 @@
-"""What is known of a fitted set of causes: its misfit, and which others deserve a full fit.
+"""Search for the set of causes that the data support.
 
-A cause is added as long as the log Bayes factor of the best addition passes what chance alone gives
-in 5 % of data sets simulated from the model so far. That path may go astray: one cause may look
-like two others together. So all pairs and triples are ranked too, on one linear scale, with the
-scatter of what was found so far (`fit.screening`); those in reach of it are fitted, and one of them
-takes its place if it is better, or if it is larger and passes what chance gives. Each cause is
-exchanged for a rival as long as that is better. In the set that is left, every cause must earn its
-place against the set without it, and every cause is compared with all that could stand in its
-place.
+A cause is added while the log Bayes factor of the best addition exceeds what chance alone gives in
+5 % of data sets simulated from the current model. That greedy path may fail, since one cause may
+look like two others together. So all pairs and triples are also ranked on one linear scale, with
+the scatter of the current model (`fit.screening`); the close ones are fitted, and one of them
+replaces the current set if it is better, or if it is larger and its gain exceeds chance. Each
+cause is exchanged for a rival while that is better. In the final set, every cause must earn its
+place against the set without it, and is compared with all possible replacements.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -29,13 +28,13 @@ from bayesdeg.criticism.outcome import LEFT_LEVEL
 
 Floats = NDArray[np.float64]
 
-CLOSE = 10.0  # screened log Bayes factor behind the best up to which a full fit is worth it
-NEAR_SHARE = 0.75  # or share of the best: screening is rough where effects are strong
+CLOSE = 10.0  # deficit in screened log Bayes factor up to which a full fit is worthwhile
+NEAR_SHARE = 0.75  # or share of the best: screening is rough for strong effects
 
 
 @dataclass(frozen=True)
 class Step:
-    """What is known with a set of causes active.
+    """Tests of a model with a set of active causes.
 
     Parameters
     ----------
@@ -69,8 +68,8 @@ class Step:
     def false_name_rate(self) -> float | None:
         """Share of data without a further effect in which the best cause passes the threshold.
 
-        At least one in as many as were simulated; None if none were. It is below 5 % where odds of
-        20 ask for more than chance gives.
+        At least one in the number simulated; None if none were. It is below 5 % if odds of 20
+        require more than chance gives.
         """
         if not len(self.chance):
             return None
@@ -78,9 +77,10 @@ class Step:
 
     @property
     def least_threshold(self) -> float:
-        """What the threshold may be found to be with more data sets, at the least [nats].
+        """Lower limit of the threshold that more data sets may give [nats].
 
-        Two standard errors of a share of 5 % below it: with 200 data sets, what 8 % of them reach.
+        Two standard errors of a share of 5 % below it: with 200 data sets, the value that 8 %
+        reach.
         """
         if not len(self.chance):
             return self.threshold
@@ -89,7 +89,7 @@ class Step:
         return min(self.threshold, max(LEAST_FACTOR, float(lower)))
 
     def chance_of(self, log_bayes_factor: float) -> float | None:
-        """Return how often the best cause gains as much where nothing acts, (1 + #)/(1 + k).
+        """Return the p-value of the best cause's gain if nothing acts, (1 + #)/(1 + k).
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class Step:
 
 
 def near(screened: dict[str, Screened], least: float) -> list[str]:
-    """Return the causes that screening finds near the best, the best first."""
+    """Return the causes that screening puts near the best, the best first."""
     factors = {name: one.log_bayes_factor for name, one in screened.items()}
     best = max(factors.values(), default=-np.inf)
     least = max(min(best - CLOSE, NEAR_SHARE * best), least)
@@ -126,18 +126,18 @@ Names = frozenset[str]
 FALSE_NAME_RATE = 0.05
 LEAST_FACTOR = float(np.log(20.0))
 NEXT_TO = 1.0
-"""Gain about the threshold within which chance of draws may decide [nats]: of one cause it was 2.65
-and 2.97 with two seeds, from evidences that were 0.1 to 0.5 too low each where errors of 0.04 to
-0.1 were stated; 16,000 draws gave 2.8 to 3.0."""
-MARGIN = 2.0  # by which screening may be too low for a cause that a full fit would name
+"""Distance of a gain from the threshold within which Monte Carlo error may decide [nats]: for one
+cause it was 2.65 and 2.97 with two seeds, from evidences each 0.1 to 0.5 too low with stated
+errors of 0.04 to 0.1; 16,000 draws gave 2.8 to 3.0."""
+MARGIN = 2.0  # by how much screening may underestimate a cause that a full fit would name
 MOST_CAUSES = 3
-ROUNDS = 3  # of exchanging and growing; each begins with a better set, so that few are needed
-FEW = 400  # draws of the screening of what acts on rupture alone
+ROUNDS = 3  # rounds of exchanging and growing; each begins with a better set, so few are needed
+FEW = 400  # draws for screening causes that act only on rupture
 
 
 @dataclass(frozen=True)
 class SearchEffort:
-    """What the search may cost.
+    """Limits of the search.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class SearchEffort:
 
 @dataclass
 class Search:
-    """The search so far: fitted sets of causes, and what is known of some.
+    """The state of the search: fitted sets of causes, and tests of some.
 
     Parameters
     ----------
@@ -198,16 +198,16 @@ class Search:
         return self.trials[names].log_evidence - self.base.log_evidence
 
     def step(self, names: Names) -> Step:
-        """Return what is known with a fitted set active."""
+        """Return the tests of a fitted set."""
         if names not in self.steps:
             self.steps[names] = self._look(self.trials[names])
         return self.steps[names]
 
     def passes(self, names: Names, larger: Names) -> bool:
-        """Return whether a larger set gains what naming takes beyond a fitted set.
+        """Return whether a larger set gains enough beyond a fitted set for naming.
 
         More data sets are simulated until it is clear whether chance gives as much in 5 % of them,
-        and evidence is estimated again where the gain lies next to what it takes.
+        and evidence is estimated again if the gain is close to the threshold.
         """
         step = self.step(names)
         gain = self.factor(larger) - self.factor(names)
@@ -224,10 +224,10 @@ class Search:
         return gain >= step.threshold
 
     def left(self, names: Names) -> Step:
-        """Return what is known with a set that is favoured, as sure of what it leaves as decides.
+        """Return the tests of a favoured set, with enough replicates for the remaining misfit.
 
-        More data sets are simulated until it is clear on which side of `LEFT_LEVEL` the p-value of
-        the misfit is.
+        More data sets are simulated until the p-value of the misfit is clearly on one side of
+        `LEFT_LEVEL`.
         """
         step = self.step(names)
         generator = np.random.default_rng(self._seed(names, 5))
@@ -239,7 +239,7 @@ class Search:
         return self.steps[names]
 
     def _more_chance(self, step: Step) -> Floats:
-        """Return what chance gives in as many data sets again, up to the most that are allowed."""
+        """Return the gains by chance with twice the data sets, up to the limit."""
         names, count = step.trial.names, len(step.chance)
         generator = np.random.default_rng(self._seed(names, 3 + count))
         wanted = max(min(count, self.effort.most - count), 0)
@@ -249,7 +249,7 @@ class Search:
         return factors_by_chance(step.trial.linear, others, known)
 
     def fit(self, parent: Names, additions: Iterable[str]) -> list[Names]:
-        """Fit a set with each of several causes added, side by side; return the larger sets."""
+        """Fit a set with each of several causes added, in parallel; return the larger sets."""
         step, wanted = self.step(parent), list(additions)
         missing = [name for name in wanted if parent | {name} not in self.trials]
         jobs = [(*step.guess(name), self._seed(parent | {name})) for name in missing]
@@ -261,7 +261,7 @@ class Search:
         return [parent | {name} for name in wanted]
 
     def fit_sets(self, guesses: Mapping[Names, Mapping[str, Floats]]) -> None:
-        """Fit sets from the largest part of each that is fitted, without a look at what is between.
+        """Fit sets starting from their largest fitted subset, without those in between.
 
         Parameters
         ----------
@@ -279,7 +279,7 @@ class Search:
                 self.on_fit(" and ".join(sorted(names)))
 
     def _way(self, names: Names, sizes: Mapping[str, Floats]) -> "_Way":
-        """Return the fits that lead to a set, from its best largest part."""
+        """Return the fits that lead to a set from its best largest subset."""
         parts = [known for known in self.trials if known < names]
         known = max(parts, key=lambda part: (len(part), self.factor(part)))
         own, jobs, reached = {c.name: c for c in self.causes}, [], known
@@ -295,7 +295,7 @@ class Search:
         return self.step(self.base.names).guess(name)[1]
 
     def settle(self, sets: Iterable[Names], draws: int = SETTLING) -> None:
-        """Estimate the evidence of fitted sets from so many draws, once, see `trials.settled`."""
+        """Estimate the evidence of fitted sets from this many draws, once, see `trials.settled`."""
         for names in sets:
             if self.trials[names].settled_by < draws:
                 generator = np.random.default_rng(self._seed(names, 4))
@@ -303,7 +303,7 @@ class Search:
         self.base = self.trials[self.base.names]
 
     def leaders(self, names: Names) -> list[str]:
-        """Return which additions deserve a full fit: those that screening finds near the best."""
+        """Return the additions that deserve a full fit: those that screening puts near the best."""
         step = self.step(names)
         least = step.least_threshold - MARGIN
         leading = [
@@ -315,8 +315,8 @@ class Search:
     def fit_leaders(self, names: Names) -> list[Names]:
         """Fit a set with each addition that deserves it; return the larger sets.
 
-        Screening is rough, and only so many of its best are fitted: as long as it puts another
-        cause above all that were, that one is fitted as well.
+        Screening is rough, and only a limited number of its best are fitted: while it puts a
+        further cause above all of these, that one is fitted too.
         """
         sets = self.fit(names, self.leaders(names))
         while overlooked := self._overlooked(names, sets):
@@ -369,10 +369,10 @@ def _simulated(trial: Trial, generator: np.random.Generator, count: int) -> Floa
 
 
 def _as_refitted(linear: Linear, draws: Floats) -> Floats:
-    """Return draws with all that does not move the mean at the mode, (k, n_parameters).
+    """Return draws with parameters that do not move the mean fixed at the mode, (k, n_parameters).
 
-    The errors of data simulated at a draw would be estimated from them again, and the statistics
-    are against errors that are estimated.
+    The errors of data simulated at a draw would be re-estimated from them, and the statistics use
+    estimated errors.
     """
     moves = is_seen(linear.whiten_columns(linear.jacobian))
     return np.where(moves, draws, linear.mode)
@@ -403,7 +403,7 @@ def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Float
 
 
 def naming_threshold(chance: Floats) -> float:
-    """Return the log Bayes factor that naming takes, at least ln 20 [nats].
+    """Return the log Bayes factor required for naming, at least ln 20 [nats].
 
     Chance reaches it in 5 % of data sets.
 
@@ -433,11 +433,12 @@ def run_search(search: Search) -> Names:
 
 
 def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
-    """Return what could stand in the place of one cause of a set, with log Bayes factors.
+    """Return replacements of one cause of a set, with log Bayes factors.
 
-    What screening puts near the best, as far as the effort goes; beyond it, what the catalogue says
-    is like the cause; what is fitted already; and what no reading tells from such a one within odds
-    of 20. The factors are those of the whole set against the base model.
+    These are the causes that screening puts near the best, up to the limit of the effort; beyond
+    it, look-alikes from the catalogue; causes already fitted; and those that no reading tells from
+    one of these within odds of 20. The factors are those of the whole set relative to the base
+    model.
     """
     rest = chosen - {cause}
     _ensure(search, rest)
@@ -455,15 +456,15 @@ def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
 
 
 def _factors_of(search: Search, rest: Names, added: list[str]) -> dict[str, float]:
-    """Return log Bayes factors of a set with each of several causes added, by what is added."""
+    """Return log Bayes factors of a set with each of several causes added, by cause."""
     sets = search.fit(rest, added)
     return dict(zip(added, (search.factor(names) for names in sets), strict=True))
 
 
 def _look_alikes(step: Step, cause: Cause) -> list[str]:
-    """Return what the catalogue says is like a cause, where screening does not put it far behind.
+    """Return look-alikes from the catalogue that screening does not put far behind.
 
-    Of its twins, which no reading tells from it, screening has nothing to say.
+    Screening cannot judge twins, which no reading distinguishes.
     """
     least = -np.inf
     close = {*near(step.screened, least), *near(step.unbent, least), *cause.twins}
@@ -472,7 +473,7 @@ def _look_alikes(step: Step, cause: Cause) -> list[str]:
 
 
 def _added(search: Search, names: Names) -> Names:
-    """Add causes one after another as long as the best passes the threshold."""
+    """Add causes one after another while the best passes the threshold."""
     while len(names) < MOST_CAUSES:
         sets = search.fit_leaders(names)
         if not sets:
@@ -485,9 +486,9 @@ def _added(search: Search, names: Names) -> Names:
 
 
 def _elsewhere(search: Search, chosen: Names) -> Names:
-    """Return the best of a set and of those in reach that no single addition or exchange leads to.
+    """Return the best of a set and of close sets not reached by one addition or exchange.
 
-    A set of as many causes need only be better; a larger one must gain what naming takes.
+    A set of the same size need only be better; a larger one must gain enough for naming.
     """
     reached = in_reach(search, chosen)
     search.fit_sets({one.names: one.sizes for one in reached})
@@ -500,11 +501,11 @@ def _elsewhere(search: Search, chosen: Names) -> Names:
 
 
 def _passes_at_once(search: Search, names: Names, larger: Names) -> bool:
-    """Return whether a larger set, which need not hold the smaller one, gains what naming takes.
+    """Return whether a larger set, not necessarily a superset, gains enough for naming.
 
-    Beside a cause that was named, each further one has to gain as much as one alone has to. Where
-    nothing was named, chance has all pairs to choose from. They are held against what chance leaves
-    of its 5 % to single causes, so that both together keep it.
+    Given a named cause, each further one must gain as much as a single cause must. If nothing was
+    named, chance can choose among all pairs. They are tested at what single causes leave of the 5
+    %, so that both together keep it.
     """
     if names != search.base.names:
         if not search.passes(names, larger):
@@ -550,7 +551,7 @@ def beside_the_rate(singles: Floats, pairs: Floats, threshold: float) -> float:
 
 
 def _exchanged(search: Search, chosen: Names) -> Names:
-    """Put a rival in the place of a cause as long as that makes a better set."""
+    """Replace causes by rivals while that improves the set."""
     while True:
         found = {
             chosen - {name} | {rival}: factor
@@ -564,7 +565,7 @@ def _exchanged(search: Search, chosen: Names) -> Names:
 
 
 def _pruned(search: Search, names: Names) -> Names:
-    """Leave out causes that do not earn their place beside the others."""
+    """Drop causes that do not earn their place."""
     while names - search.base.names:
         gains = {}
         for name in sorted(names - search.base.names):
@@ -578,7 +579,7 @@ def _pruned(search: Search, names: Names) -> Names:
 
 
 def _ensure(search: Search, names: Names) -> None:
-    """Fit a set that was not yet, cause by cause."""
+    """Fit a set, cause by cause, if not fitted yet."""
     if names in search.trials:
         return
     known = max((n for n in search.trials if n < names), key=len)
@@ -609,7 +610,7 @@ class RankedSet:
 
 
 def set_penalties(count: int) -> Floats:
-    """Return ln of the number of sets of 0, 1, … of so many causes: what their priors differ by.
+    """Return ln of the number of sets of 0, 1, … causes, the difference of their log priors.
 
     Examples
     --------
@@ -622,11 +623,11 @@ def set_penalties(count: int) -> Floats:
 
 
 def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
-    """Return the sets to be fitted beside a chosen one, the most plausible first.
+    """Return the sets to fit besides a chosen one, the most plausible first.
 
-    They differ from it by two causes at least, and screening puts them within odds of 20 of it, or
-    finds that they gain about what further causes take, and beyond a cause what chance gives for
-    there being more sets to choose from. At most as many as the effort allows.
+    They differ from it by at least two causes, and screening puts them within odds of 20 of it, or
+    finds that they gain about as much as further causes need, allowing for the larger number of
+    sets. Their number is limited by the effort.
     """
     scale = SetScale.of(search, chosen)
     own = scale.log_bayes_factor(chosen)
@@ -636,7 +637,7 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
     found = []
     for size in range(max(len(chosen), 2), min(MOST_CAUSES, len(search.causes)) + 1):
         more = size - len(chosen)
-        # without a cause errors have grown most, and screening is lowest: a few fits are worth it
+        # without a cause errors are widest and screening is lowest: a few fits are worthwhile
         choice = float(scale.penalties[size] - scale.penalties[len(chosen)]) if chosen else 0.0
         least = own + wanted * more + choice if more else own - LEAST_FACTOR
         found += [one for one in scale.best(size, least) if len(one.names - chosen) > 1]
@@ -646,7 +647,7 @@ def in_reach(search: Search, chosen: Names) -> list[RankedSet]:
 
 @dataclass(frozen=True)
 class SetScale:
-    """All sets of causes on one linear scale: that of the base model, with the scatter of a set.
+    """All sets of causes on the linear scale of the base model, with the scatter of a set.
 
     Parameters
     ----------
@@ -664,7 +665,7 @@ class SetScale:
 
     @classmethod
     def of(cls, search: Search, names: Names) -> "SetScale":
-        """Return the scale with the scatter of a fitted set, without that of its causes."""
+        """Return the scale with the scatter of a fitted set, without that from its causes."""
         step, base = search.step(search.base.names), search.base
         fitted = search.trials[names]
         known = dict(zip(fitted.subject.table.names, fitted.mode, strict=True))
@@ -683,7 +684,7 @@ class SetScale:
         return cls(tuple(scales), tuple(own), set_penalties(len(search.causes)))
 
     def log_bayes_factor(self, names: Names) -> float | None:
-        """Return the log Bayes factor of a set; None where one of it changes no reading."""
+        """Return the log Bayes factor of a set; None if one of its causes changes no reading."""
         if not names:
             return 0.0
         found = [
@@ -696,7 +697,7 @@ class SetScale:
     def sizes_of(self, names: Names) -> dict[str, Floats]:
         """Return the most probable sizes in a set, on the unconstrained scale, by name.
 
-        Empty where a cause of them changes no reading.
+        Empty if one of its causes changes no reading.
         """
         for scale in self.scales:
             places = scale.places_of(names)
@@ -705,7 +706,7 @@ class SetScale:
         return {}
 
     def best(self, size: int, least: float) -> list[RankedSet]:
-        """Return the sets of so many causes with at least some log Bayes factor."""
+        """Return the sets of this many causes with at least this log Bayes factor."""
         found: dict[Names, RankedSet] = {}
         for scale, own in zip(self.scales, self.own, strict=True):
             sets = scale.all_sets(size)

@@ -1,10 +1,10 @@
-"""Work on many items in parts, which processes of an executor do side by side."""
+"""Parallel work on many items in parts."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from functools import partial
 
-PARTS = 4  # of every piece of work: the same whatever the number of workers
+PARTS = 4  # items per part: the same whatever the number of workers
 
 
 def apply[T, Result](
@@ -35,7 +35,7 @@ def apply[T, Result](
 def later[Result](
     work: Callable[[], Result], executor: Executor | None = None
 ) -> Callable[[], Result]:
-    """Begin work in another process; return what waits for its result, or does it here."""
+    """Start work in another process; return a function that waits for its result."""
     return work if executor is None else executor.submit(work).result
 
 

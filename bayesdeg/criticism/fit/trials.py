@@ -1,4 +1,4 @@
-"""A set of causes joins the model, and everything is fitted again: mode, evidence, what is left."""
+"""Full fits of a model with a set of causes: mode, evidence, linear model."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,23 +17,25 @@ from bayesdeg.inference.model import JointModel
 
 Floats = NDArray[np.float64]
 
-STRONG = 5.0  # size of an effect, in standard deviations, that is climbed to from two sides
+STRONG = (
+    5.0  # size of an effect, in standard deviations, above which the mode is sought from two sides
+)
 CLIMBS, HIGHER = 2, 1.0  # more, where draws are higher than the mode by so much
-BENT = 2.5  # standard deviations by which a parameter has given way; heavy tails make them wide
-DRAWS = 3000  # of the estimate from the prior
+BENT = 2.5  # standard deviations beyond which a parameter has adapted; heavy tails make them wide
+DRAWS = 3000  # draws of the estimate from the prior
 WANTED = 80.0  # effective draws
 WANTED_OF_RUPTURES = 300.0
-"""The same of a model with a cause of rupture: its posterior is bent, and a law about its mode with
-some 80 effective draws missed 3 nats of evidence in a planted study."""
+"""The same for a model with a cause of rupture: its posterior is curved, and a law about its mode
+with some 80 effective draws missed 3 nats of evidence in a planted study."""
 MANY = 4000  # draws of one parameter
 SCATTERED = 64
-"""Sizes of a cause of rupture, from the best of which is climbed too: four values of each of three
-parameters, in the time of a climb's two or three steps."""
+"""Tried sizes of a cause of rupture, the best of which is a further start: four values of each of
+three parameters, in the time of two or three steps of a mode search."""
 SETTLING, DECIDING = 4_000, 16_000
-"""Draws of a law that is fitted to those of a trial: to hold evidence against that of a rival, and
-where a threshold of naming or of what is held out lies near. In five models of three studies the
-first gave 116 to 538 effective ones, 426 in the median, with which gains of held-out specimens
-moved by 1.6 between seeds; in two, the second gave 844 and 1,721."""
+"""Draws from a distribution fitted to those of a trial: for comparing evidence with that of a
+rival, and near a threshold of naming or of held-out gains. In five models of three studies the
+first gave 116 to 538 effective draws, 426 in the median, with which held-out gains varied by 1.6
+between seeds; in two, the second gave 844 and 1,721."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Trial:
 
     @cached_property
     def linear(self) -> Linear:
-        """The model linearised at its mode, with no scatter of what whole levels share.
+        """The model linearised at its mode, without scatter shared by whole levels.
 
         See `bayesdeg.criticism.fit.level_scatter`.
         """
@@ -84,11 +86,11 @@ class Trial:
         return within_levels(plain, self.uncertain, self.centre)
 
     def unbent(self) -> Linear | None:
-        """Return the model linearised where no parameter is far from what all else says of it.
+        """Return the model linearised where no parameter is far from its value by all else.
 
-        A law with heavy tails gives way to a misfit of the readings: its parameter takes the effect
-        of a cause up, which then seems to be none. None if no parameter has, or the model does not
-        answer there. The size of an active cause is what the readings say it is.
+        A parameter with a heavy-tailed law adapts to a misfit of the readings: it absorbs the
+        effect of a cause, which then seems absent. None if no parameter has, or the model cannot
+        be evaluated there. Active causes keep their sizes from the readings.
         """
         sd = np.sqrt(np.diag(self.uncertain))
         bent = np.abs(self.mode - self.centre) > BENT * sd
@@ -112,13 +114,13 @@ class Trial:
 
 
 def base_trial(subject: JointModel, mode: Floats, posterior: Evidence) -> Trial:
-    """Return the trial of a model that is fitted already."""
+    """Return the trial of a model that is already fitted."""
     centre, uncertain = rest_law(subject, mode)
     return Trial(subject, mode, posterior.log_evidence, posterior, uncertain, centre)
 
 
 def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
-    """Fit a model extended by one more cause: its mode, and an importance sample about it.
+    """Fit a model extended by one more cause: mode and importance sample.
 
     Parameters
     ----------
@@ -149,11 +151,11 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
 
 
 def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> list[Floats]:
-    """Return the best of: no effect; the guessed size; that with all else moved to make room.
+    """Return the best start: no effect; the guessed size; that with other parameters readjusted.
 
-    The last is the most probable δ of the parent's linear model for readings less the effect. Where
-    the effect is strong it is a start of its own: the base model may have bent itself into a corner
-    from which there is no way up. So is the better of the last two where no effect is best.
+    The last is the most probable δ of the parent's linear model for readings less the effect. For a
+    strong effect it is always a further start, since the base model may be in a region from which
+    the search cannot climb. So is the better of the last two if no effect is best.
     """
     neutral = with_neutral(parent.mode, parent.subject, subject)
     guess = neutral.copy()
@@ -173,7 +175,7 @@ def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> l
     best = int(np.argmax(densities))
     with_effect = 1 + int(np.argmax(densities[1:]))
     starts = [points[best]]
-    if best == 0:  # no effect may be a mode of its own, from which no climb gets away
+    if best == 0:  # no effect may be a separate mode, from which no climb escapes
         starts += [points[with_effect]] if np.isfinite(densities[with_effect]) else []
     elif best == 1 and np.linalg.norm(effect) > STRONG and np.isfinite(densities[2]):
         starts.append(points[2])
@@ -183,10 +185,10 @@ def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> l
 def _best_of_prior(
     parent: Trial, subject: JointModel, cause: Cause, generator: np.random.Generator
 ) -> Floats:
-    """Return the best of vectors at the parent's mode, with sizes of a cause drawn from its prior.
+    """Return the best vector at the parent's mode, with prior sizes of a cause.
 
-    Whether actuators burst is far from linear in what weakens them: the guess may lie on the slope
-    of a lower top. One without scatter of flaws was 17 nats below that with some.
+    Rupture is strongly nonlinear in its causes: the guess may lead to a lower mode. One without
+    scatter of flaws was 17 nats below that with some.
     """
     known = np.tile(parent.mode, (SCATTERED, 1))
     points = with_sizes(parent.subject, cause, known, generator)
@@ -196,16 +198,16 @@ def _best_of_prior(
 
 
 def wanted(subject: JointModel) -> float:
-    """Return how many effective draws an evidence should rest on where it is compared closely."""
+    """Return the number of effective draws required for a close comparison of evidence."""
     of_rupture = any(cause.is_of_rupture_alone for cause in subject.causes)
     return WANTED_OF_RUPTURES if of_rupture else WANTED
 
 
 def firm(trial: Trial, generator: np.random.Generator) -> Trial:
-    """Return a trial whose evidence rests on enough draws; itself if it does already.
+    """Return a trial with enough effective draws for its evidence; itself if it has them.
 
-    Too few effective draws about a mode are a sign of posterior mass far from it. A law fitted to
-    them, and wider, finds it.
+    Too few effective draws about a mode indicate posterior mass far from it. A wider distribution
+    fitted to them finds it.
     """
     enough = wanted(trial.subject)
     if trial.posterior.effective >= enough or not trial.posterior.effective > 0.0:
@@ -217,10 +219,9 @@ def firm(trial: Trial, generator: np.random.Generator) -> Trial:
 
 
 def settled(trial: Trial, generator: np.random.Generator, draws: int = SETTLING) -> Trial:
-    """Return a trial whose evidence is estimated again, by draws from a law fitted to the first.
+    """Return a trial with its evidence estimated again from a distribution fitted to the draws.
 
-    What lies within chance of a threshold is not to hang on the hundred effective draws of a first
-    fit.
+    A result close to a threshold should not depend on the hundred effective draws of a first fit.
     """
     found = sharpened(trial.subject, trial.posterior, generator, draws)
     return replace(trial, posterior=found, log_evidence=found.log_evidence, settled_by=draws)
@@ -229,7 +230,7 @@ def settled(trial: Trial, generator: np.random.Generator, draws: int = SETTLING)
 def sharpened(
     subject: JointModel, known: Evidence, generator: np.random.Generator, draws: int = SETTLING
 ) -> Evidence:
-    """Return the better of a posterior and one from the law that fits it, by effective draws."""
+    """Return the better of a sample and one from a law fitted to it, by effective draws."""
     found = refitted(subject, known, generator, draws=draws)
     return found if found.effective > known.effective else known
 
@@ -254,7 +255,7 @@ def from_prior(
 def with_sizes(
     subject: JointModel, cause: Cause, known: Floats, generator: np.random.Generator
 ) -> Floats:
-    """Give draws of a model sizes of one more cause from its prior.
+    """Extend draws of a model by prior sizes of one more cause.
 
     Parameters
     ----------

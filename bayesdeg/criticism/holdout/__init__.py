@@ -1,1 +1,1 @@
-"""Predictions of what took no part in a calibration."""
+"""Predictions of held-out data."""

@@ -1,11 +1,10 @@
-"""What knowing a cause is worth: scores of held-out specimens, per level and over all.
+"""Scores of held-out specimens, per level and over all.
 
-The transform of a reading is the share of its predictive draws below it; where the prediction is
-right it is uniform (Gelfand, Dey & Chang 1992; Gabry et al. 2019, doi:10.1111/rssa.12378).
-Readings of one specimen are correlated, so that their transforms are not independent and tests for
-independent values reject far too often. Here the band and the p-value come from the predictive
-draws themselves: one of them after another is taken as the data, with all the correlation that the
-model says there is.
+The transform of a reading is the share of its predictive draws below it, uniform for a correct
+prediction (Gelfand, Dey & Chang 1992; Gabry et al. 2019, doi:10.1111/rssa.12378). Readings of one
+specimen are correlated, so their transforms are not independent and tests for independent values
+reject far too often. Here the band and the p-value come from the predictive draws themselves: each
+in turn is taken as the data, with the correlation of the model.
 """
 
 from collections.abc import Mapping
@@ -27,7 +26,7 @@ from bayesdeg.material.degradation import levels
 Floats = NDArray[np.float64]
 
 UNITS = {"curvature": "_per_m", "stress": "_MPa"}
-"""Units of kinds of readings that are scored, as column names end; of others they are known."""
+"""Units of scored kinds of readings, as suffixes of columns; other kinds state their own."""
 
 
 def gain_table(subject: JointModel, results: dict[str, HeldOut]) -> pd.DataFrame:
@@ -150,12 +149,12 @@ def _coverage(draws: Floats, observed: Floats, share: float) -> float:
 
 GRID = np.arange(1, 40) / 40.0
 FEWEST = 100
-"""Draws below which a 95 % band could not be told."""
+"""Fewest draws for a 95 % band."""
 SIGNIFICANT = 0.05
 
 
 class Scatter(StrEnum):
-    """How held-out readings scatter about their predictions."""
+    """Scatter of held-out readings about their predictions."""
 
     AS_PREDICTED = "as predicted"
     ABOVE = "above"
@@ -206,7 +205,7 @@ class LooPit:
 
     @property
     def is_available(self) -> bool:
-        """Whether there were draws enough for a band."""
+        """Whether there were enough draws for a band."""
         return not np.isnan(self.p_value)
 
 
@@ -320,10 +319,10 @@ def _differences(pit: Floats) -> Floats:
 
 
 def _scatter(pit: Floats, simulated: Floats, p_value: float) -> tuple[Scatter, float]:
-    """Return what is most remarkable, and the share of the readings that shows it."""
+    """Return the most remarkable departure, and the share of the readings that shows it."""
     if p_value > SIGNIFICANT:
         return Scatter.AS_PREDICTED, float("nan")
-    own, null = ndtri(pit), ndtri(simulated)  # on this scale a shift leaves the spread as it is
+    own, null = ndtri(pit), ndtri(simulated)  # on this scale a shift does not change the spread
     shift = _score(float(own.mean()), null.mean(axis=1))
     spread = _score(float(np.log(own.std())), np.log(null.std(axis=1)))
     if abs(shift) >= abs(spread):

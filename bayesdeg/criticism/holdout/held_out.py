@@ -1,4 +1,4 @@
-"""Held-out specimens: what a model predicts of those that took no part in its calibration."""
+"""Held-out specimens: predictions by a model calibrated without them."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ from bayesdeg.priors import Named
 Floats = NDArray[np.float64]
 Folds = NDArray[np.int64]
 
-DRAWS = 400  # predictive
+DRAWS = 400  # predictive draws
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class HeldOut:
 
     @property
     def kinds(self) -> NDArray[np.int64]:
-        """Which groups are alike, (n_groups,)."""
+        """Kind of each group, (n_groups,)."""
         return np.zeros(len(self.log_density), dtype=np.int64) if self.kind is None else self.kind
 
     @property
@@ -53,7 +53,7 @@ class HeldOut:
 
 
 def joined(first: HeldOut, second: HeldOut) -> HeldOut:
-    """Return both as one, the groups of either being of other kinds; draws are those of the first.
+    """Return both as one, with groups of different kinds and the draws of the first.
 
     Examples
     --------
@@ -81,9 +81,9 @@ def by_level(subject: JointModel) -> Folds:
 def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
     """Return the gain in log predictive density over all groups and its standard error.
 
-    The variance of a sum over several kinds of groups is that of the sums over each. A single group
-    of its kind, such as a measured mean, has no spread: that of a log ratio g of two normal
-    densities that differ in their means is taken, √(2|g|).
+    The variance of a sum over several kinds of groups is the sum of the variances of each. A single
+    group of its kind, such as a measured mean, has no spread; the standard deviation of a log
+    ratio g of two normal densities with different means is used, √(2|g|).
     """
     gap = log_ratio(held_out.log_density, base.log_density)
     parts = [gap[held_out.kinds == kind] for kind in np.unique(held_out.kinds)]
@@ -94,17 +94,17 @@ def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
 
 
 def standard_error(values: Floats) -> float:
-    """Return the standard error of a sum over groups; nan of a single one or an infinite value."""
+    """Return the standard error of a sum over groups; nan for a single or an infinite value."""
     if len(values) < 2 or not np.all(np.isfinite(values)):
         return float("nan")
     return float(np.sqrt(len(values)) * np.std(values, ddof=1))
 
 
 def _single_error(gain: float) -> float:
-    """Return the standard error of a gain g that stands alone, √(2|g|).
+    """Return the standard error of a single gain g, √(2|g|).
 
-    Of ln N(y | a, 1) - ln N(y | b, 1), which is (a - b)²/2 on average if a is right, and scatters
-    by |a - b|.
+    For ln N(y | a, 1) - ln N(y | b, 1), with mean (a - b)²/2 if a is right and standard deviation
+    |a - b|.
     """
     return float(np.sqrt(2.0 * abs(gain)))
 
@@ -170,7 +170,7 @@ class Smoothed:
 
 
 def smoothed(density: Floats, relative: float) -> Smoothed:
-    """Weight posterior draws so that each specimen in turn has no part in them.
+    """Reweight posterior draws to leave out each specimen in turn.
 
     Parameters
     ----------
@@ -198,20 +198,20 @@ def _smooth(density: Floats, relative: float) -> tuple[Floats, float]:
         weights, k = -density, np.nan
     if np.isfinite(k) or k == np.inf:
         return _equal_where_alike(weights, density), float(k)
-    # a specimen that tells next to nothing has bounded weights: nothing to smooth, no tail
+    # an uninformative specimen has bounded weights: no tail to smooth
     plain = -density - logsumexp(-density)
     return plain, 0.0 if np.ptp(density) < 1.0 else np.inf
 
 
 ALIKE = 9
-"""Decimals of a log density beyond which draws count as the same one, drawn again."""
+"""Decimals of a log density to which duplicates of a draw agree."""
 
 
 def _equal_where_alike(weights: Floats, density: Floats) -> Floats:
-    """Give draws of one density the mean of their weights.
+    """Average the weights of duplicate draws.
 
-    Those of a resampled posterior stand there several times, and which of them gets which place in
-    the smoothed tail is up to the sort, which differs from processor to processor.
+    A resampled posterior contains duplicates, and their order in the smoothed tail depends on the
+    sort, which differs between processors.
 
     Examples
     --------
@@ -225,7 +225,7 @@ def _equal_where_alike(weights: Floats, density: Floats) -> Floats:
 
 
 def largest_k(draws: int) -> float:
-    """Return the largest shape k of which so many draws give a reliable mean.
+    """Return the largest shape k with a reliable mean for this many draws.
 
     Examples
     --------
@@ -236,8 +236,8 @@ def largest_k(draws: int) -> float:
 
 
 ROUND, ENOUGH = 1000, 80.0  # draws of a round of importance sampling, effective draws wanted
-FEWEST = 0.25  # of the effective draws wanted: with fewer another way is tried
-# the last way: a density averaged over draws needs few
+FEWEST = 0.25  # share of the required effective draws below which a different method is tried
+# the last method: averaging a density over draws needs few
 ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
 
 
@@ -251,7 +251,7 @@ def recalibrated(
     enough: float = ENOUGH,
     effort: Effort = ANEW,
 ) -> Evidence:
-    """Calibrate a model anew without some groups.
+    """Calibrate a model again without some groups.
 
     An importance sample about its mode; one that begins with the posterior of all groups where that
     has too few draws, or had too few for all groups: what lies far from the mode has to be found
@@ -297,7 +297,7 @@ def recalibrated(
 def _chained(
     training: JointModel, begun: Evidence, effort: Effort, seed: np.random.SeedSequence
 ) -> Evidence:
-    """Return draws of emcee, equally weighted, from walkers at a poor importance sample."""
+    """Return equally weighted draws of emcee, started at a poor importance sample."""
     chain = sample(training, begun, effort=effort, seed=seed)
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     effective = min(float(np.min(chain.effective())), float(len(flat)))

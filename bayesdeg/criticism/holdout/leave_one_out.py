@@ -1,19 +1,19 @@
-r"""One specimen predicted by a model that is calibrated anew without it.
+r"""Leave-one-out predictions of specimens.
 
 Its predictive density is the ratio of two evidences,
 
 .. math:: p(y_i \mid y_{-i}) = p(y) / p(y_{-i}),
 
-which is estimated from draws of both posteriors, with and without the specimen, by bridge sampling,
-or, where they hardly overlap, from two importance samples: the mean of p(y_i | θ) over the second
-posterior alone rests on few draws where the specimen is a surprise.
+which is estimated from draws of both posteriors, with and without the specimen, by bridge sampling
+or, if they hardly overlap, from two importance samples: for a surprising specimen the mean of
+p(y_i | θ) over the second posterior alone rests on few draws.
 
 The expected log predictive density of specimen i is
 
 .. math:: \mathrm{elpd}_i = \ln \int p(y_i \mid \theta)\, p(\theta \mid y_{-i})\, d\theta
 
-with y_i everything that was read on it.  Single readings of a curve are not left out, since their
-neighbours on the curve predict them and would hide any fault.
+with y_i all its readings. Single readings of a curve are not left out, since their neighbours
+predict them and would hide any fault.
 """
 
 from collections.abc import Callable
@@ -42,14 +42,16 @@ from bayesdeg.inference.sampling import EFFORTS, Chain
 Floats = NDArray[np.float64]
 
 ENOUGH_EFFECTIVE = 150.0  # draws: a log evidence is then known to 0.08
-LARGEST_ERROR = 0.08  # of a log density by bridge sampling, before another way is tried
-NO_MEAN = 1.0  # shape of the weights' tail from which they have none: what counts was not drawn
-STEPS = 200  # of the bridge's fixed point, most
+LARGEST_ERROR = (
+    0.08  # error of a log density by bridge sampling above which a different method is tried
+)
+NO_MEAN = 1.0  # shape of the weights' tail above which their mean is meaningless
+STEPS = 200  # most iterations of the bridge's fixed point
 
 
 @dataclass(frozen=True)
 class LeftOutPrediction:
-    """Log predictive density of a specimen that took no part in the calibration.
+    """Log predictive density of a held-out specimen.
 
     Parameters
     ----------
@@ -76,9 +78,9 @@ def predict_left_out(
 ) -> LeftOutPrediction:
     """Calibrate a model without one specimen and predict it.
 
-    A law fitted to the weighted draws proposes first: they know of ridges that a law about the mode
-    misses. Where it serves badly, or the draws do not reach, the model is calibrated anew from its
-    mode.
+    Proposals come first from a distribution fitted to the weighted draws, which includes ridges
+    that one about the mode misses. If it performs badly, or the draws do not suffice, the model is
+    calibrated again from its mode.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ def predict_left_out(
         weights,
         effective=(effective, posterior.effective),
     )
-    if error > LARGEST_ERROR:  # the two posteriors hardly overlap: from their evidences themselves
+    if error > LARGEST_ERROR:  # the two posteriors hardly overlap: use their evidences
         top = approximate(model, generator, start=best)
         whole = about_mode(model, top, generator)
         wide = float(np.hypot(whole.error, posterior.error))
@@ -158,7 +160,7 @@ def bridge(
     Source: Bennett (1976), doi:10.1016/0021-9991(76)90078-4, the optimal bridge of Meng and Wong
     (1996), Statistica Sinica 6, 831.
     """
-    if not np.any(np.isfinite(outside)):  # no draw without the specimen answers its readings
+    if not np.any(np.isfinite(outside)):  # no draw without the specimen can predict its readings
         return -np.inf, np.inf
     share = np.log(effective) - np.log(sum(effective))
     log_ratio = 0.5 * (float(np.median(inside)) + float(logsumexp(log_weights + outside)))
@@ -222,7 +224,7 @@ class LeaveOneOut:
 
     @property
     def influence(self) -> Floats:
-        """What the readings of each specimen add to their own log density."""
+        """Gain in log density of each specimen by its own readings."""
         return self.in_sample - self.elpd
 
     @property
@@ -242,7 +244,7 @@ class LeaveOneOut:
 
     @property
     def total(self) -> float:
-        """Sum of elpd over the specimens."""
+        """Sum of elpd over specimens."""
         return float(np.sum(self.elpd))
 
     @property
@@ -252,7 +254,7 @@ class LeaveOneOut:
         return float(np.sqrt(count) * np.std(self.elpd, ddof=1)) if count > 1 else float("nan")
 
     def table(self) -> pd.DataFrame:
-        """Return one row a specimen: the columns of ``leave_one_out.csv``."""
+        """Return one row per specimen: the columns of ``leave_one_out.csv``."""
         return pd.DataFrame(
             {
                 "specimen_id": self.specimens,
@@ -277,8 +279,8 @@ def leave_one_out(
     """Predict each specimen from all others by Pareto-smoothed importance sampling.
 
     The posterior draws are weighted by 1/p(y_i | θ), the largest weights smoothed by a Pareto law;
-    where its shape k says that too few draws carry the weight, the model is calibrated anew
-    without that specimen.
+    if its shape k shows that too few draws carry the weight, the model is calibrated again without
+    that specimen.
 
     Parameters
     ----------

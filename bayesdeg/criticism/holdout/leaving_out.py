@@ -1,4 +1,4 @@
-"""Groups left out in turn: a model is weighted or calibrated without them, and predicts them."""
+"""Predictions of groups left out in turn, by reweighting or recalibration."""
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
@@ -23,14 +23,13 @@ _Fold = tuple[NDArray[np.intp], Floats, Floats]
 _Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
 
 KEPT = 1000
-"""Draws of a first fit that are weighted, some ten for each effective one; of one that was settled
-all are."""
+"""Draws of a first fit that are reweighted, some ten per effective one; of a settled fit all."""
 FEW = 6  # groups
 
 
 @dataclass(frozen=True)
 class FoldPlan:
-    """Predictions of held-out groups, of which some still need the model calibrated anew.
+    """Predictions of held-out groups, some of which still need a recalibration.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ class FoldPlan:
 
     @property
     def jobs(self) -> list[_Job]:
-        """What each calibration needs."""
+        """Inputs of each calibration."""
         pairs = zip(self.parts, self.seeds, strict=True)
         return [(self.trial, groups, seed) for groups, seed in pairs]
 
@@ -71,7 +70,7 @@ def predict_one_by_one(
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
 ) -> HeldOut:
-    """Predict each group from all others, as `one_by_one` plans.
+    """Predict each group from all others, as planned by `one_by_one`.
 
     Parameters
     ----------
@@ -113,8 +112,8 @@ def predict_folds(
 def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
     """Plan to predict each group from all others.
 
-    Draws of the posterior are weighted by 1/p(y_g | θ), smoothed by a Pareto law; where its shape
-    says that too few carry the weight, the model has to be calibrated anew without that group.
+    Draws of the posterior are weighted by 1/p(y_g | θ), smoothed by a Pareto law; if its shape
+    shows that too few carry the weight, the model has to be calibrated again without that group.
 
     Parameters
     ----------
@@ -130,7 +129,7 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
     generator = np.random.default_rng(seed)
     trial = firm(trial, generator)
     subject = trial.subject
-    # each of few specimens is too much of the data to be weighted away; a measured mean is not
+    # one of few specimens is too much of the data to reweight; a measured mean is not
     if len(subject.groups) <= FEW and np.any(subject.group != ""):
         return in_folds(trial, np.arange(len(subject.groups)), seed)
     kept = trial.settled_by or KEPT
@@ -168,7 +167,7 @@ def carried_out(
     executor: Executor | None = None,
     on_plan: Callable[[int], None] | None = None,
 ) -> list[HeldOut]:
-    """Calibrate anew for all plans, side by side whichever plan it is for.
+    """Run the calibrations of all plans in parallel.
 
     Parameters
     ----------
@@ -207,7 +206,7 @@ def _predict_fold(job: _Job) -> _Fold:
         rest = sharpened(training, rest, generator)
     vectors = rest.resample(generator, DRAWS)
     if len(groups) == 1 and np.isfinite(rest.log_evidence):
-        # p(y_g | rest) is a ratio of evidences; few draws would miss what a whole curve demands
+        # p(y_g | rest) is a ratio of evidences; few draws would miss the region of a whole curve
         density = np.array([trial.log_evidence - rest.log_evidence])
     else:
         density = logsumexp(testing.group_density(vectors), axis=0) - np.log(DRAWS)

@@ -1,15 +1,15 @@
-r"""Which material law predicts films best: each law fitted to all films of a level but one.
+r"""Comparison of material laws by their predictions of held-out films.
 
-At each degradation rate the films are of one material, with constants of their own: no law is asked
-to follow a polynomial of the degradation rate.  Film s at stretch λ reads
+At each degradation rate the films are of one material with its own constants, so no law has to
+follow a polynomial in the degradation rate. The reading of film s at stretch λ is
 
 .. math:: y_s(\lambda) = (1 + m_s) f(\lambda; u) + \varepsilon, \qquad
     m_s \sim N(0, \tau^2), \qquad u \sim N(0, I)
 
 with f the law in its coordinates u (`bayesdeg.material.laws`), τ the scatter of stiffness and ε the
-reading error of `bayesdeg.observations.noise`, which is in part alike along the curve.  The four
-parameters of noise are the same for all levels and have the priors of the study; each law finds its
-own values of them, so a law that misses the curves has the larger errors.
+reading error of `bayesdeg.observations.noise`, which is partly correlated along the curve. The four
+noise parameters are the same for all levels and have the priors of the study; they are fitted for
+each law, so a law that misses the curves has larger errors.
 
 f is linearised about its most probable u, which gives the density of all films in closed form, and
 of one film given the others; the noise is where the density with its prior is largest.  For a film
@@ -45,25 +45,25 @@ Numbers = NDArray[np.int64]
 NOISE = ("tensile_noise_floor", "tensile_noise", "stiffness_scatter", "tensile_noise_length")
 """Constant [MPa] and proportional [–] reading error, scatter of stiffness [–], and ℓ [–]."""
 FEWEST = 2
-"""Films of a level, of which one can be held out."""
+"""Fewest films of a level for holding one out."""
 MOST = 40
-"""Films that are held out, evenly among those that can be."""
+"""Most films held out, evenly among those that can be."""
 CLEARLY = 2.0
-"""Standard errors by which a held-out difference must pass zero to count."""
+"""Standard errors by which a held-out difference must exceed zero to count."""
 RESOLUTION, LEAST = 1e-5, 1e-12  # of the largest stress, and of films without stress [MPa]
-LONGEST_STEP = 1.0  # of a coordinate, in prior standard deviations
-SURE_STEP, SHORTENED = 0.1, 6  # from which a step is tried, and how often it is shortened
-UNDAMPED = 6  # steps of one length, before steps are taken half as long
-STEPS, CLOSE = 40, 1e-4  # of Gauss and Newton, until one gains no more than half of this in nats
-ROUNDS = 3  # in which coordinates and noise are found in turn
-VARIANCES = 1e-4, 10.0  # of the noise's logarithms, between which a search takes them
-STILL = 0.01  # of the noise's logarithms: what moves by less has been found
+LONGEST_STEP = 1.0  # step of a coordinate, in prior standard deviations
+SURE_STEP, SHORTENED = 0.1, 6  # first factor on a step, and how often it is shortened
+UNDAMPED = 6  # steps of one length before they are halved
+STEPS, CLOSE = 40, 1e-4  # tolerance of Gauss–Newton: twice the gain in nats
+ROUNDS = 3  # rounds of alternating between coordinates and noise
+VARIANCES = 1e-4, 10.0  # bounds of the noise's logarithms in the search
+STILL = 0.01  # tolerance of the noise's logarithms
 FLAT = 0.005  # nats per unit of a logarithm, at which a search for the noise ends
-STEP = 1e-6  # of it, by which slopes are taken
+STEP = 1e-6  # its step for slopes
 
 
 class NoiseLevels(NamedTuple):
-    """What readings scatter by; the fields are in the order of `NOISE`."""
+    """Noise of readings; the fields are in the order of `NOISE`."""
 
     floor: float
     share: float
@@ -110,7 +110,7 @@ class LevelFilms:
 
     @cached_property
     def tests(self) -> StressBasis:
-        """What stresses are made of."""
+        """Data for the stresses."""
         data = self.curves
         return film_tests(data.stretch, data.modes, self.largest[self.member], cauchy=data.cauchy)
 
@@ -118,7 +118,7 @@ class LevelFilms:
     def scale(self) -> Floats:
         """G₀ of each level, by least squares of a neo-Hookean solid [MPa].
 
-        A film that is held out counts in it, to no effect: the prior about it spans a factor of 20.
+        Includes held-out films, without effect: the prior around it spans a factor of 20.
         """
         base = np.where(self.curves.mask, 0.5 * self.tests.first, 0.0)
         stress = np.where(self.curves.mask, self.curves.stress, 0.0)
@@ -128,12 +128,12 @@ class LevelFilms:
 
     @cached_property
     def resolution(self) -> float:
-        """Error of a reading that no curve is without: films made up without any have it [MPa]."""
+        """Least reading error of any curve, for synthetic films without noise [MPa]."""
         return RESOLUTION * float(np.abs(self.curves.stress[self.curves.mask]).max()) + LEAST
 
     @property
     def held_out(self) -> Numbers:
-        """The films that are held out: those with another one at their level, `MOST` of them."""
+        """The held-out films: at most `MOST` of those that share their level."""
         sizes = np.bincount(self.member, minlength=self.count)
         found = np.flatnonzero(sizes[self.member] >= FEWEST)
         kept = np.linspace(0, len(found) - 1, min(len(found), MOST)).round().astype(int)
@@ -160,7 +160,7 @@ class LawPoint(NamedTuple):
 
 
 class Products(NamedTuple):
-    """What films say of the coordinates at one noise, by film, the scatter τ integrated out.
+    """Information of films on the coordinates at one noise, by film, with τ integrated out.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ class Products(NamedTuple):
 
 
 class FitStart(NamedTuple):
-    """Where a calibration sets out.
+    """Start of a calibration.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def _at(form: LawForm, films: LevelFilms, u: Floats) -> LawPoint:
 def _products(
     films: LevelFilms, point: LawPoint, noise: NoiseLevels, expected: Floats | None = None
 ) -> Products:
-    """Return what films say at a point; errors and scatter are those of the expected stresses."""
+    """Return the information of films at a point, with errors for the expected stresses."""
     data, size = films.curves, point.slope.shape[-1]
     expected = point.stress if expected is None else expected
     columns = np.concatenate(
@@ -248,7 +248,7 @@ def _normal_equations(
 ) -> tuple[Floats, Floats]:
     """Return the precision of the coordinates, and the right-hand side of their mean."""
     matrix = _by_level(films, products.matrix, weights)
-    # linear about the point: e + J u is what is explained
+    # linear about the point: e + J u is to be explained
     vector = _by_level(films, products.vector, weights) + np.einsum("lij,lj->li", matrix, point.u)
     return matrix + np.eye(matrix.shape[-1]), vector
 
@@ -286,14 +286,14 @@ def _find_noise(
 ) -> tuple[Floats, Floats]:
     """Return the most probable noise, unconstrained, with the law linear about a point.
 
-    The inverse of the Hessian, which the search begins with and improves, is returned beside it.
+    The inverse Hessian, which the search starts with and improves, is returned too.
     """
 
     def loss(at: Floats) -> float:
         found = _log_density(films, point, at, weights)
         return -found if np.isfinite(found) else 1e300
 
-    # takes a second to import, and what only reads data does without
+    # takes a second to import, and reading data does not need it
     optimize = importlib.import_module("scipy.optimize")
     options = {"gtol": FLAT, "eps": STEP, "hess_inv0": inverse}
     found = optimize.minimize(loss, z, method="BFGS", options=options)
@@ -301,7 +301,7 @@ def _find_noise(
 
 
 def _definite(inverse: Floats) -> Floats:
-    """Return an inverse of a Hessian whose eigenvalues are those of a logarithm with a scale."""
+    """Return an inverse Hessian with eigenvalues suited to logarithms."""
     values, vectors = np.linalg.eigh(0.5 * (inverse + inverse.T))
     kept: Floats = (vectors * np.clip(values, *VARIANCES)) @ vectors.T
     return 0.5 * (kept + kept.T)
@@ -318,7 +318,7 @@ def _find_coordinates(
         step = np.linalg.solve(precision, vector[..., None])[..., 0] - point.u
         gained = np.einsum("li,lij,lj->l", step, precision, step)
         longest = np.abs(step).max(axis=-1, keepdims=True)
-        # errors in proportion to the stress change with it: whole steps may go to and fro
+        # errors proportional to the stress change with it, so full steps may oscillate
         step *= 0.5 ** (number // UNDAMPED) / np.maximum(longest / LONGEST_STEP, 1.0)
         if longest.max() > SURE_STEP:
             before = _cost(films, products, point.u, weights)
@@ -332,7 +332,7 @@ def _find_coordinates(
 
 
 def _cost(films: LevelFilms, products: Products, u: Floats, weights: Floats) -> Floats:
-    """Return what a step should lower at each level: misfit, and distance from the prior."""
+    """Return the objective of a step at each level: misfit and distance from the prior."""
     cost: Floats = _by_level(films, products.square, weights) + np.sum(u * u, axis=-1)
     return cost
 
@@ -346,7 +346,7 @@ def _downhill(
     weights: Floats,
     before: Floats,
 ) -> LawPoint:
-    """Return the point after a step, which is shortened at levels where it is uphill."""
+    """Return the point after a step, shortened at levels where it is uphill."""
     factor = np.ones(films.count)
     for _ in range(SHORTENED):
         after = _at(form, films, point.u + factor[:, None] * step)
@@ -397,7 +397,7 @@ def _from_all_starts(form: LawForm, films: LevelFilms) -> Calibrated:
 
 
 def _predict(films: LevelFilms, fit: Calibrated, film: int) -> float:
-    """Return the log density of a film that took no part in a fit."""
+    """Return the log density of a held-out film."""
     one = Products(*(part[film] for part in _products(films, fit.point, fit.noise)))
     before = fit.precision[films.member[film]]
     after = before + one.matrix
@@ -408,7 +408,7 @@ def _predict(films: LevelFilms, fit: Calibrated, film: int) -> float:
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """A law fitted to the films of each level, and what it predicts of films held out.
+    """A law fitted to the films of each level, and its predictions of held-out films.
 
     Parameters
     ----------
@@ -481,7 +481,7 @@ def _errors(films: LevelFilms, point: LawPoint) -> Floats:
 
 @dataclass(frozen=True)
 class LawComparison:
-    """Laws side by side.
+    """Comparison of laws.
 
     Parameters
     ----------
@@ -505,7 +505,7 @@ class LawComparison:
 
     @property
     def by_name(self) -> dict[str, FittedLaw]:
-        """The laws by their names."""
+        """The laws by name."""
         return {fit.name: fit for fit in self.fits}
 
     @property
@@ -530,7 +530,7 @@ class LawComparison:
 
     @property
     def rival(self) -> FittedLaw:
-        """With which the best is compared: the law used, or the second best if that is the best."""
+        """The law that the best is compared with: the law used, or the second best."""
         return self.ranked[1] if self.best.name == self.used else self.by_name[self.used]
 
     def difference(
@@ -564,7 +564,7 @@ class LawComparison:
         return first, second
 
     def table(self) -> pd.DataFrame:
-        """Return the columns of ``material_laws.csv``: a row a law and level, and for all."""
+        """Return the columns of ``material_laws.csv``: one row per law and level, and for all."""
         rows = []
         for fit in self.fits:
             for k, level in enumerate(np.unique(self.level)):

@@ -1,1 +1,1 @@
-"""What a posterior may be trusted with."""
+"""Diagnostics of posteriors: convergence, polynomial order, prior sensitivity."""

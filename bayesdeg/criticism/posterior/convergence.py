@@ -1,4 +1,4 @@
-"""May this posterior be used? R̂ across independent ensembles, and effective sample sizes."""
+"""Convergence: R̂ across independent ensembles, and effective sample sizes."""
 
 import math
 from collections.abc import Sequence
@@ -10,10 +10,10 @@ from bayesdeg.inference.density import Density
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing
 
 LARGEST_R_HAT = 1.2
-"""Above it ensembles contradict each other: the spread between them is two thirds of that within
-one (Gelman and Rubin 1992, doi:10.1214/ss/1177011136). Every effort asks for far less."""
+"""R̂ above which ensembles contradict each other: the spread between them is two thirds of that
+within one (Gelman and Rubin 1992, doi:10.1214/ss/1177011136). Every effort requires far less."""
 FEWEST_DRAWS = 50.0
-"""Effective draws below which a mean is off by more than a seventh of its standard deviation, and
+"""Effective draws below which the error of a mean exceeds a seventh of the standard deviation, and
 the ends of a 90 % interval rest on two or three draws each."""
 
 
@@ -56,7 +56,7 @@ class Convergence:
 
     @property
     def is_converged(self) -> bool:
-        """Whether it may be judged; ``usable`` asks for all that the effort does."""
+        """Whether it can be judged; ``usable`` requires all criteria of the effort."""
         return max(self.r_hat) <= LARGEST_R_HAT and min(self.ess_bulk) >= FEWEST_DRAWS
 
     @property
@@ -78,12 +78,12 @@ class Convergence:
 def diagnose(
     density: Density, chain: Chain, effort: Effort, *, shares: Sequence[float] = (1.0,)
 ) -> Convergence:
-    """Return whether a chain is long enough, and whether a longer one would be if not.
+    """Return whether a chain is long enough, and if not, whether a longer one would be.
 
     ``shares`` are those of the posterior's separate modes that were found before.
 
     R̂ is that of Vehtari et al. (2021), doi:10.1214/20-BA1221, over ensembles, which are
-    independent of one another; the walkers of one ensemble are not.
+    independent; the walkers of one ensemble are not.
     """
     standing, bulk = chain.judged(Standing()), chain.effective()
     ensembles, steps, walkers, _ = chain.vectors.shape
@@ -105,7 +105,7 @@ def diagnose(
 
 
 def _more_helps(standing: Standing, effort: Effort) -> bool:
-    """Return whether more steps would do, which a higher effort takes."""
+    """Return whether the larger number of steps of a higher effort would suffice."""
     wanted = standing.steps_wanted(effort)
     longer = [e.longest for e in EFFORTS.values() if e.longest > effort.longest]
     return bool(longer) and (wanted < max(longer) or math.isinf(wanted))

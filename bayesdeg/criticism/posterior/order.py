@@ -1,9 +1,9 @@
-"""Which order of the polynomials of the degradation rate the films support.
+"""Comparison of polynomial orders in the degradation rate, on films.
 
 Yeoh's constants are polynomials of D_R, of order 2 unless a study says otherwise, as in
-doi:10.3389/frobt.2021.760485. The films alone say whether that is enough, or too much: stress–
-stretch curves and published Young's moduli are calibrated under each order and compared by their
-marginal likelihood, and by how well a film is predicted from all others.
+doi:10.3389/frobt.2021.760485. The films alone show whether that is enough or too much:
+stress–stretch curves and published Young's moduli are calibrated under each order and compared by
+their marginal likelihood, and by how well a film is predicted from all others.
 """
 
 from concurrent.futures import Executor
@@ -32,7 +32,7 @@ from bayesdeg.priors import with_priors
 Floats = NDArray[np.float64]
 
 CLEARLY = 2.0
-"""Standard errors by which a held-out difference must pass zero to count."""
+"""Standard errors by which a held-out difference must exceed zero to count."""
 STRONG = 3.0
 """Log Bayes factor, 20 to 1, that counts; Kass and Raftery (1995), doi:10.2307/2291091."""
 
@@ -71,7 +71,7 @@ class OrderFit:
 
 @dataclass(frozen=True)
 class OrderComparison:
-    """Orders side by side.
+    """Comparison of orders.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class OrderComparison:
         return gap, float(np.hypot(fit.error, reference.error))
 
     def table(self) -> pd.DataFrame:
-        """Return one row an order: the columns of ``orders.csv``."""
+        """Return one row per order: the columns of ``orders.csv``."""
         rows = []
         for fit in self.fits:
             gain, gain_error = self.difference(fit)
@@ -127,24 +127,24 @@ class OrderComparison:
 
     @property
     def others(self) -> tuple[OrderFit, ...]:
-        """All but the order used."""
+        """All orders but the one used."""
         return tuple(fit for fit in self.fits if fit is not self._reference)
 
     @property
     def is_judged(self) -> bool:
-        """Whether the order used has an evidence to compare others with."""
+        """Whether the evidence of the order used is known."""
         return bool(np.isfinite(self._reference.log_evidence))
 
     @property
     def better(self) -> int | None:
-        """The order that predicts held-out films best and is more probable; None if none is."""
+        """The order that predicts held-out films better and is more probable; None if none is."""
         found = [fit for fit in self.others if self._is_better(fit)]
         best = max(found, key=lambda fit: self.difference(fit)[0], default=None)
         return None if best is None else best.order
 
     @property
     def simpler(self) -> int | None:
-        """The lowest order below the one used that does as well; None if none does."""
+        """The lowest order below the one used that is as good; None if none is."""
         below = (fit for fit in self.others if fit.order < self.used and self._does_as_well(fit))
         return next((fit.order for fit in below), None)
 
@@ -163,7 +163,7 @@ class OrderComparison:
 
 ORDERS = (1, 2, 3)
 DRAWS = 1000
-"""Effective draws wanted of all films' posterior; so many are weighted to leave a film out."""
+"""Required effective draws of the posterior of all films, which are reweighted to leave one out."""
 
 
 def compare_orders(
@@ -207,7 +207,7 @@ def compare_orders(
 
 
 def films_alone(model: JointModel, nodes: Nodes) -> JointModel:
-    """Return the model of the films and Young's moduli alone, constants controlled at these nodes.
+    """Return the model of only films and Young's moduli, with constants at these nodes.
 
     Parameters that both have keep the priors of the study.
     """
@@ -250,7 +250,7 @@ def leave_films_out(
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     r"""Predict each film from all others, by smoothed importance sampling.
 
-    Where the shape of the weights' tail is too large, the films are calibrated anew without film i,
+    If the shape of the weights' tail is too large, the films are calibrated again without film i,
     and :math:`\ln p(y_i \mid y_{-i}) = \ln p(y) - \ln p(y_{-i})`: averaged over the posterior
     without it, p(y_i | θ) of a film far from the others would rest on few draws.
 
@@ -286,7 +286,7 @@ def _anew(films: JointModel, row: int, log_evidence: float, seed: np.random.Seed
     """Return the log predictive density of a film by the films calibrated without it."""
     training = without(films, [tuple(blocks_of(films))[row]])
     generator = np.random.default_rng(seed)
-    # a start of its own: draws of the posterior with the film may miss that without it
+    # a separate start: draws of the posterior with the film may miss that without it
     start = near_films(training, generator)
     rest = recalibrated(training, generator, seed, start=start, enough=DRAWS)
     if np.isfinite(rest.log_evidence):

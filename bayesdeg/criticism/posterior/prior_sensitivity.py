@@ -1,8 +1,9 @@
-r"""A part of a log density scaled up and down a little, by weights on stored draws.
+r"""Sensitivity of a posterior to power scaling of priors and likelihood.
 
 A density p is scaled to :math:`p^\alpha`, by weights :math:`p^{\alpha - 1}` on the stored draws,
-and the cumulative Jensen–Shannon distance between the law of a quantity before and after is taken
-per doubling of α.  Scaling the likelihood in the same way tells whether the data have a say too.
+and the cumulative Jensen–Shannon distance between the distributions of a quantity before and after
+is taken per doubling of α. Scaling the likelihood in the same way shows whether the data matter
+too.
 """
 
 import warnings
@@ -29,7 +30,7 @@ ALPHAS = (0.99, 1.01)
 
 @dataclass(frozen=True)
 class Scaling:
-    """Weights of stored draws for a part of the log density scaled down and up a little.
+    """Weights of stored draws for a part of the log density scaled slightly down and up.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class Scaling:
     @classmethod
     def of(cls, log_density: Floats) -> Self:
         """Scale a part, such as the log prior; the largest weights are smoothed."""
-        if np.ptp(log_density) == 0.0:  # a flat prior: every power of it is the same
+        if np.ptp(log_density) == 0.0:  # a flat prior, of which every power is the same
             even = np.full_like(log_density, 1.0 / log_density.size)
             return cls(log_density, even, even)
         logs = (_log_weights(log_density, alpha) for alpha in ALPHAS)
@@ -55,7 +56,7 @@ class Scaling:
 
 
 def power_scaling(draws: Floats, scaling: Scaling) -> float:
-    """Return how much the law of a quantity changes per doubling of the power of a density.
+    """Return the change of a quantity's distribution per doubling of the power of a density.
 
     Parameters
     ----------
@@ -80,14 +81,14 @@ def power_scaling(draws: Floats, scaling: Scaling) -> float:
 def noise_of(draws: Floats, scaling: Scaling) -> float:
     """Return the sensitivity of draws of one ensemble to the densities of another.
 
-    They have nothing to do with each other, but are as many and as much alike as those that do.
+    These are unrelated, but have the same number of draws and autocorrelation.
     """
     turned = [power_scaling(np.roll(draws, turn, axis=0), scaling) for turn in range(1, len(draws))]
     return float(np.mean(turned)) if turned else 0.0
 
 
 def _log_weights(log_density: Floats, alpha: float) -> Floats:
-    # a part on which nearly all draws agree, as that no specimen bursts, has no tail to smooth
+    # a part on which nearly all draws agree, such as no ruptures, has no tail to smooth
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Number of tail draws", UserWarning)
         try:
@@ -98,7 +99,7 @@ def _log_weights(log_density: Floats, alpha: float) -> Floats:
 
 
 def conclusions(model: JointModel, values: Named) -> dict[str, Floats]:
-    """Return the quantities that the report states, by what they are called there.
+    """Return the conclusions of the report by name.
 
     C1 and the elongation limit without degradation and at the last node, the volume ratio, the
     stiffness of the paper, and the size of each active cause.
@@ -144,13 +145,13 @@ def _against_degradation(
     return {f"{name} at {end:.3g} %": draws[:, i] for i, end in enumerate(_ends(nodes))}
 
 
-NOTICEABLE = 0.05  # of a sensitivity; about 0.3 standard deviations per doubling
-DRAWS = 1000  # of each ensemble
-ABOVE_NOISE = 1.5  # a sensitivity below so many times that of unrelated draws is none
+NOTICEABLE = 0.05  # noticeable sensitivity; about 0.3 standard deviations per doubling
+DRAWS = 1000  # draws of each ensemble
+ABOVE_NOISE = 1.5  # multiple of the sensitivity of unrelated draws below which there is none
 
 
 class Diagnosis(StrEnum):
-    """What the sensitivities to prior and likelihood say together."""
+    """Diagnosis from the sensitivities to prior and likelihood."""
 
     DATA = "data"
     PRIOR = "prior"
@@ -160,7 +161,7 @@ class Diagnosis(StrEnum):
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How the posterior of one quantity answers to prior and likelihood.
+    """Sensitivity of the posterior of one quantity to prior and likelihood.
 
     Parameters
     ----------
@@ -192,7 +193,7 @@ class Sensitivity:
 
     @property
     def diagnosis(self) -> Diagnosis:
-        """What prior and data have to say in it."""
+        """Whether prior or data shape the quantity."""
         by_prior = noticeable(self.prior, self.prior_noise)
         by_data = noticeable(self.likelihood, self.likelihood_noise)
         if by_prior:
@@ -201,7 +202,7 @@ class Sensitivity:
 
 
 def noticeable(distance: float, noise: float) -> bool:
-    """Return whether a sensitivity is one, beside the noise of its draws.
+    """Return whether a sensitivity is noticeable beyond the noise of its draws.
 
     The squares of both add up, as noise and effect are independent.
 
@@ -239,7 +240,7 @@ class PriorSensitivity:
         return tuple(row.quantity for row in self.rows if row.conclusion and row not in moved)
 
     def table(self) -> pd.DataFrame:
-        """Return one row a quantity: the columns of ``prior_sensitivity.csv``."""
+        """Return one row per quantity: the columns of ``prior_sensitivity.csv``."""
         return pd.DataFrame(
             [
                 {
@@ -260,7 +261,7 @@ class PriorSensitivity:
 
 
 def prior_sensitivity(model: JointModel, chain: Chain) -> PriorSensitivity:
-    """Return how conclusions and parameters answer to priors and data, from stored draws.
+    """Return the sensitivities of conclusions and parameters, from stored draws.
 
     Parameters
     ----------
@@ -285,7 +286,7 @@ def prior_sensitivity(model: JointModel, chain: Chain) -> PriorSensitivity:
         {name: Scaling.of(part) for name, part in density.items()}
         for density in (log_prior, log_likelihood)
     ]
-    # a model without data has no kinds of likelihood, and their sum is 0
+    # a model without data has no likelihood, and the sum is 0
     nothing = np.zeros((len(vectors), len(values[model.table.names[0]]) // len(vectors)))
     whole = [Scaling.of(sum(density.values(), nothing)) for density in (log_prior, log_likelihood)]
     rows = [
@@ -314,7 +315,7 @@ def _sensitivity(
     *,
     conclusion: bool,
 ) -> Sensitivity:
-    """Ask about one quantity; ``whole`` and ``parts`` are of prior and likelihood."""
+    """Return the sensitivity of one quantity to prior and likelihood, ``whole`` and ``parts``."""
     distances = [power_scaling(draws, part) for part in whole]
     noises = [noise_of(draws, part) for part in whole]
     return Sensitivity(
@@ -338,7 +339,7 @@ def _shift(draws: Floats, log_density: Floats) -> float:
 
 
 def _largest(draws: Floats, parts: Mapping[str, Scaling]) -> str:
-    """Return the part that matters most, the noise of its draws taken off."""
+    """Return the part that matters most, after subtracting the noise of its draws."""
 
     def excess(name: str) -> float:
         return power_scaling(draws, parts[name]) ** 2 - noise_of(draws, parts[name]) ** 2

@@ -135,7 +135,7 @@ by("drawing").addEventListener("keydown", (event) => {
 });
 
 const show = (number) => {
-  if (state.moved.size && !confirm("Points were moved and not saved. Go on without them?")) {
+  if (state.moved.size && !confirm("Moved points are not saved. Discard them?")) {
     by("choice").value = state.number;
     return;
   }
@@ -192,4 +192,4 @@ fetch("photographs.json").then((answer) => answer.json()).then((found) => {
     label(i);
   });
   draw();
-}).catch(() => say("the page has lost its command; start it again", true));
+}).catch(() => say("the command behind this page has ended; start it again", true));
