@@ -9,7 +9,7 @@ from bayesdeg.quantities import BRANCHES, COLDEST, HOTTEST, LOADING, MOUNTS, UNL
 
 @dataclass(frozen=True)
 class ServiceConditions:
-    """Service conditions of a new specimen; by default a prompt first loading, mounted horizontally.
+    """Service conditions of a new specimen: by default a prompt first loading, held horizontally.
 
     Parameters
     ----------
