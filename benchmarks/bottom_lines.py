@@ -1,4 +1,4 @@
-"""Bottom lines of the default actuator, from which is known what operators read of it.
+"""Bottom lines of the default actuator, for calibrating reading operators.
 
 All curves, on the coarse mesh, into the file that ships with the package; half an hour:
 

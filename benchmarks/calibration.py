@@ -1,8 +1,8 @@
 """Simulation-based calibration of the pipeline at the size of a study, with a figure.
 
 Parameters are drawn from the priors, readings of films, actuators and shrinkage from the law of
-the likelihood, in the tests of a study; each set of data is calibrated as `bayesdeg run` does at
-quick effort. If all is right, the rank of the true value among 99 posterior draws is
+the likelihood, in the tests of a study; each data set is calibrated as by `bayesdeg run` at quick
+effort. If the calibration is correct, the rank of the true value among 99 posterior draws is
 uniform (Talts et al. 2018, arXiv:1804.06788), that of the true log density too (Modrák et al.
 2023, doi:10.1214/23-BA1404).
 

@@ -1,4 +1,4 @@
-"""The ECDFs of ranks less that of uniform ones, with simultaneous bands: one panel a parameter."""
+"""ECDFs of ranks less the uniform one, with simultaneous bands, one panel per parameter."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How far the meshes that local training stands for are from finer ones: straight channels, layers.
+"""Mesh errors of local training for straight channels and layers, against finer meshes.
 
     uv run python benchmarks/channel_meshes.py --json
 

@@ -1,4 +1,4 @@
-"""The curvature that a mesh without end would give, by Richardson's extrapolation.
+"""Mesh-converged curvature by Richardson extrapolation.
 
 Every interval between planes of a base mesh is cut into n, for n = 2, 3, 4, …, evenly or smaller
 towards re-entrant edges by one smooth map; the curvatures of these families are kept in

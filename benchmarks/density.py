@@ -1,4 +1,4 @@
-"""How many joint log densities a second does a model answer, and how many did it before a change?
+"""Joint log densities per second of a model, now and before a change.
 
 Of the base model of a study with all its data, in batches of draws about its mode, in seconds of
 the processor. Two checkouts, each with its own environment (``uv sync``), are measured in turns,

@@ -1,4 +1,4 @@
-"""How many curvatures a second, in batches as the sampler makes them; and what training took."""
+"""Curvatures per second in batches of the sampler's size, and training time."""
 
 import statistics
 import time

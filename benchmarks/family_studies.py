@@ -1,4 +1,4 @@
-"""Virtual studies of actuators of other families, from their files to a verdict.
+"""Virtual studies of actuators of different families, from their files to a verdict.
 
     uv run python benchmarks/family_studies.py --make      # a minute or two
     uv run python benchmarks/family_studies.py --json      # runs both at quick effort

@@ -1,4 +1,4 @@
-"""A second surrogate of a finer mesh, for virtual studies by the dozen.
+"""A second surrogate of a finer mesh, for large numbers of virtual studies.
 
 Finer mesh (4616 instead of 2042 elements), another design and another family (Gaussian processes
 of the load over the bending, with derivatives) than the emulator that inference uses, so that data

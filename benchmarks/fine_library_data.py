@@ -1,4 +1,4 @@
-"""What solved curves say of the load as a function of the bending, and the coordinates for that.
+"""Training data for the load as a function of the bending, and its coordinates.
 
 Near ballooning the curvature k = κ s L is a steep function of the load q = p/M, while the load is
 a smooth function of the curvature. So h = ln(q/k) is fitted over k and the groups; from

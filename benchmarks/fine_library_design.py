@@ -1,4 +1,4 @@
-"""Which curves the second surrogate is made of: other draws than the emulator's design."""
+"""Design of the second surrogate, with draws that differ from the emulator's design."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The fine mesh's outputs: a coarse mesh's process, its correction, and what slack paper adds.
+"""Outputs of the fine mesh: process of a coarse mesh, correction, and effect of slack paper.
 
 With a tight paper outputs are T = coarse + correction. A slack paper lacks the share φ of its
 force and adds φ D, with D a process of its own on either mesh, too: all four are smooth.

@@ -1,4 +1,4 @@
-"""The kernel under which data are most likely, and the derivatives that finding it takes."""
+"""Maximum-likelihood kernel of the data, and its derivatives."""
 
 import numpy as np
 from fine_library_process import Data, Kernel, condition, spread

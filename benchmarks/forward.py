@@ -1,4 +1,4 @@
-"""How fast and how exact is one pressure curve, and how fast are others at the same?
+"""Speed and accuracy of one pressure curve, compared with other programs.
 
 One core; every ratio is a median over runs in turn, of processor time except against peers;
 `seconds_per_curve` and the profile are by the clock on the wall. The keys of the document:

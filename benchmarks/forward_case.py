@@ -1,4 +1,4 @@
-"""The pressure curve that every benchmark of the forward model solves, and how it is timed.
+"""The pressure curve solved by every benchmark of the forward model, and its timing.
 
 Twelve pressures on the default geometry, fresh and degraded material, with paper.
 """

@@ -1,4 +1,4 @@
-"""A state to assemble at, and how far two assemblies of the same equations are apart there."""
+"""A state for assembly, and the difference of two assemblies of the same equations there."""
 
 import numpy as np
 

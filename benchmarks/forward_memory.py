@@ -1,4 +1,4 @@
-"""A process that meshes and solves one pressure curve and prints the memory it took at most.
+"""A process that meshes and solves one pressure curve and prints its peak memory.
 
 uv run python benchmarks/forward_memory.py converged
 """

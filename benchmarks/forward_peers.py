@@ -1,4 +1,4 @@
-"""How long does a pressure curve take here, in felupe and in CalculiX, and do they agree?
+"""Times and agreement of a pressure curve here, in felupe and in CalculiX.
 
 All on one mesh and one thread, from the body's arrays to the displacements of twelve loads, with
 the linear solver included; runs are interleaved and the fastest of each counts. felupe solves

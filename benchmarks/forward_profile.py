@@ -1,4 +1,4 @@
-"""Where the time of one curve goes, and what the path's predictor and interpolation are worth."""
+"""Time profile of one curve, and gains of the path's predictor and interpolation."""
 
 import time
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""The same curve in other programs, in turn with ours, and what gradients cost."""
+"""The same curve in other programs, interleaved with ours, and the cost of gradients."""
 
 import importlib.util
 import statistics

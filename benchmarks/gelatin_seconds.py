@@ -1,4 +1,4 @@
-"""How long the study of the README takes, from data to report."""
+"""Time of the README's study, from data to report."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""A public data set of studies with hidden effects, truths apart, on which any method can be tried.
+"""A public data set of studies with hidden effects and separate truths, for testing any method.
 
     uv run python benchmarks/hidden_dataset.py --studies 100 --seed 97 --physics 6 \
         --out hidden/studies --truths hidden/truths.jsonl

@@ -1,4 +1,4 @@
-"""Effects hidden in studies: how often the right one is named, and what is named where none is.
+"""Effects hidden in studies: rates of correct names, and of false names without an effect.
 
     uv run python benchmarks/hidden_effects.py --studies 300 --json
 

@@ -1,4 +1,4 @@
-"""Judged studies in one file: what the published figures are made of."""
+"""Judged studies in one file, the data behind the published figures."""
 
 import json
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
-"""Studies with an effect hidden in them: which causes, how large, in which design of tests.
+"""Studies with hidden effects: causes, sizes and test designs.
 
-Everything is drawn anew for each study: material laws, specimens, degradation rates, errors of
-reading that are alike along a curve, and what is hidden.
+Everything is drawn for each study: material laws, specimens, degradation rates, reading errors
+correlated along a curve, and the hidden effect.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""From verdicts on studies with hidden effects to the published figures."""
+"""Summary of verdicts on studies with hidden effects, for the published figures."""
 
 from collections import Counter
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""How fast is a posterior that can be trusted?
+"""Speed of a converged posterior.
 
 Of the gelatin study's base model with all its data, in seconds of the processor, in one process
 with one thread; but ``fit_seconds`` by the clock on the wall. The keys of the document:

@@ -1,4 +1,4 @@
-"""Effective draws a second: of the package's sampler, of one walker at a time, and of NUTS."""
+"""Effective draws per second of the package's sampler, of one walker at a time, and of NUTS."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""Virtual burials: do 90 % intervals of the time to failure hold what happens in the soil?
+"""Virtual burials: coverage of 90 % intervals of the time to failure in the soil.
 
     uv run python benchmarks/lifetime.py --burials 120 --json
 

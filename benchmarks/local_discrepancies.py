@@ -1,4 +1,4 @@
-"""Physics that fail in one regime: is the regime found, the term named, the parameter unbiased?
+"""Physics that fail in one regime: detection of the regime, the term and unbiased parameters.
 
     uv run python benchmarks/local_discrepancies.py --studies 20 --json
 

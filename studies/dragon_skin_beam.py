@@ -1,8 +1,8 @@
-"""What a motion-capture record of a sagging silicone beam says of its stiffness.
+"""Stiffness of a sagging silicone beam from a motion-capture record.
 
-The posterior of C1 from the places of six markers, by emcee through finite element solutions; which
-faults of the model the record demands, which it cannot tell apart, and why three published moduli
-of the same beam differ.
+The posterior of C1 from the positions of six markers, by emcee with finite element solutions; the
+model errors that the record supports, those that it cannot tell apart, and why three published
+moduli of the same beam differ.
 
 Run as ``python studies/dragon_skin_beam.py [--out FOLDER] [--seed N] [--quick]``.
 """
@@ -47,7 +47,7 @@ STATED, SUPPORTED, LOAD_POINT, EVERYTHING = (
 
 @dataclass(frozen=True)
 class Effort:
-    """What the study may cost.
+    """Limits of the study.
 
     Parameters
     ----------
@@ -151,14 +151,14 @@ def infer(
         "Posterior of E; dashed: values published for the same beam.": figures.modulus_figure(
             modulus
         ),
-        "Left: change of log evidence when a supported cause is taken away (blue) or a mechanical "
+        "Left: change of log evidence when a supported cause is removed (blue) or a mechanical "
         "one added (orange). Right: E with its standard deviation.": figures.causes_figure(
             one_by_one, middle
         ),
-        "Observed less predicted places of the tip markers at rest, both repeats. The supported "
-        "model is shown without its free motions of the tip at rest: what is seen is what the "
-        "mechanics misses.": figures.residual_figure(at_rest),
-        "Height of the tip (mean of markers and repeats) in a load case that was held out, with "
+        "Observed less predicted positions of the tip markers at rest, both repeats. The supported "
+        "model is shown without its free motions of the tip at rest, so the residuals are those of "
+        "the mechanics.": figures.residual_figure(at_rest),
+        "Height of the tip (mean of markers and repeats) in a held-out load case, with "
         "90 % bands of the prediction.": figures.held_out_figure(held_out),
     }
     return results, [{"caption": c, "image": embed(png)} for c, png in drawn.items()]

@@ -1,8 +1,8 @@
-"""What 63 fall times of a ball say of gravity, and of what t = √(2h/g) leaves out.
+"""Gravity from 63 fall times of a ball, and the effects missing from t = √(2h/g).
 
-Real data (``data/falling_ball.csv``): a ball let fall from 21 heights in three rounds. The formula
-is criticised with g unknown and with g known; the catalogue has drag, a watch that is late or
-early, and an error of the release height. Run as ``python studies/falling_ball.py [--json]
+Real data (``data/falling_ball.csv``): a ball dropped from 21 heights in three rounds. The formula
+is criticised with g unknown and with g known; the catalogue has drag, a late or early stopwatch,
+and an error of the release height. Run as ``python studies/falling_ball.py [--json]
 [--seed N]``; ``bayesdeg run studies/fall_times`` writes a report of it.
 """
 
@@ -31,7 +31,7 @@ DRAG_SIZES = (0.03, 0.05, 0.1, 0.2, 0.5)  # 1/m; a steel ball has 0.004, one for
 
 
 class Fall(NamedTuple):
-    """What a fall time depends on: height [m], gravity [m/s²], drag coefficient [1/m]."""
+    """Inputs of a fall time: height [m], gravity [m/s²], drag coefficient [1/m]."""
 
     height: Floats
     gravity: Floats | float
@@ -85,7 +85,7 @@ CATALOGUE = (DRAG, REACTION_TIME, RELEASE_HEIGHT)
 
 
 def asked(*, gravity_known: bool) -> bd.Model:
-    """Return the formula with the data; what is held out together is a height."""
+    """Return the formula with the data; readings of one height are held out together."""
     height, time = np.genfromtxt(DATA, delimiter=",", skip_header=3).T
     gravity = Parameter("g", Uniform(5.0, 15.0), "m/s²", "free fall")
     times = bd.Readings(
@@ -106,7 +106,7 @@ def model(*, gravity_known: bool) -> JointModel:
 
 
 def drag_by_prior(judgement: Judgement, sd: float) -> list[float]:
-    """Return the log Bayes factor of drag with another prior sd, and mean and sd of g if any."""
+    """Return the log Bayes factor of drag with a different prior sd, and mean and sd of g."""
     size = replace(DRAG.parameters[0], law=TruncatedNormal(0.0, sd, 0.0))
     base, generator = judgement.search.base, np.random.default_rng(0)
     trial = try_causes(base, replace(DRAG, parameters=(size,)), np.array([0.1]), generator)
@@ -138,7 +138,7 @@ def main() -> None:
         return
     for title, answer in answers.items():
         print("\n".join((f"== {title}", *lines(answer))))
-        print(f"drag, by the sd of its prior; to be named it takes {answer['threshold']:.1f}:")
+        print(f"drag, by the sd of its prior; naming requires {answer['threshold']:.1f}:")
         for sd, (factor, g, g_sd) in answer["drag_by_prior"].items():
             word = "enough" if factor >= answer["threshold"] else "too little"
             gravity = f"; g = {g:.2f} ± {g_sd:.2f} m/s²" if g_sd else ""

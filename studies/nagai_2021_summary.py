@@ -1,7 +1,7 @@
-"""What can be concluded from the published numbers of Nagai, Kurita, Shintake (2021) alone.
+"""Conclusions from the published numbers of Nagai, Kurita, Shintake (2021) alone.
 
-First of all: what rests on how large the error of a reading is taken to be?
-(a) With which probability does an error in D_R alone explain the published R²?
+First: how do the conclusions depend on the assumed reading error?
+(a) What is the probability that an error in D_R alone explains the published R²?
 (b) Can the elongation limit alone explain 2 of 3 ruptures at 25 % and none below?
 (c) Which causes of the catalogue can explain R² lower at 0 % than at 5 %?
 (d) Which causes can explain the ruptures?
@@ -176,7 +176,7 @@ def answer_causes(
     effort: Effort,
     models: dict[str, dict[str, float]],
 ) -> tuple[list[dict[str, Any]], dict[str, Any], dict[str, Any]]:
-    """Return what rests on the reading error, and the answers to (c) and (d)."""
+    """Return the dependence on the reading error, and the answers to (c) and (d)."""
     setting = explored.set_up(surrogate, materials, curves, generator, rounds=effort.rounds)
     of_agreement = cause_agreement.answer(setting, generator)
     repeated = materials.take(np.tile(np.arange(len(materials)), effort.cause_walls))

@@ -1,9 +1,9 @@
-"""What the efficiency of Brynjarsdóttir and O'Hagan's simple machine (2014) is worth.
+"""Efficiency of Brynjarsdóttir and O'Hagan's simple machine (2014) under model error.
 
 A machine does the work w for an effort x. The model is w = θ x; the truth is θ x/(1 + x/20) with
 θ = 0.65, since friction grows with the effort. The readings are virtual: 31 efforts from 0.2 to 4 J
-with errors of 0.01 J. They are judged with three catalogues: one that holds the truth, one that
-holds another cause with nearly its effect beside it, and one that does not hold it. Source:
+with errors of 0.01 J. They are judged with three catalogues: one with the truth, one with the truth
+and a cause of nearly the same effect, and one without the truth. Source:
 doi:10.1088/0266-5611/30/11/114007. Run as ``python studies/simple_machine.py [--json] [--seed N]``.
 """
 
@@ -39,7 +39,7 @@ SLIP = Cause(
     "slip",
     Stage.RESPONSE,
     (Parameter("share", TruncatedNormal(0.0, 0.1, 0.0), "1/J", "share lost for each J", 0.0),),
-    "a share in proportion to the effort is lost: w = θ x (1 − s x)",
+    "a share proportional to the effort is lost: w = θ x (1 − s x)",
     {"share": 0.04},
     "an efficiency that falls in proportion to the effort",
     on_reading=lambda work, effort, effect: work * (1.0 - effect["share"] * effort),
@@ -70,7 +70,7 @@ CATALOGUES = {
 
 
 def readings(effort: Floats, generator: np.random.Generator) -> Floats:
-    """Return the work of the true machine as it is read [J]."""
+    """Return the readings of the true machine's work [J]."""
     work: Floats = EFFICIENCY * effort / (1.0 + FRICTION * effort)
     return work + ERROR * generator.standard_normal(len(effort))
 
@@ -101,7 +101,7 @@ def model(seed: int, *, count: int = 31) -> JointModel:
 
 
 def without_causes(judgement: Judgement) -> dict[str, list[float]]:
-    """Return 90 % intervals of θ if the model is believed, and with a discrepancy beside it."""
+    """Return 90 % intervals of θ if the model is right, and with an added discrepancy."""
     base = judgement.search.base
     draws = base.named_draws("efficiency", np.random.default_rng(0))
     return {

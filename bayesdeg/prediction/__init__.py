@@ -1,1 +1,1 @@
-"""A posterior becomes decisions."""
+"""Predictions and decisions from a posterior."""

@@ -1,4 +1,4 @@
-"""In which conditions a new specimen is predicted; light, as options have them for defaults."""
+"""Service conditions of a new specimen; a light module, since options use it for defaults."""
 
 import math
 from dataclasses import dataclass, fields, replace
@@ -9,7 +9,7 @@ from bayesdeg.quantities import BRANCHES, COLDEST, HOTTEST, LOADING, MOUNTS, UNL
 
 @dataclass(frozen=True)
 class ServiceConditions:
-    """How a new specimen is used: by default a prompt first loading in a horizontal mount.
+    """Service conditions of a new specimen: by default a prompt first loading, held horizontally.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class ServiceConditions:
     Raises
     ------
     BayesdegError
-        If a value is none that a test could have.
+        If a value is impossible.
 
     Examples
     --------
@@ -58,19 +58,19 @@ class ServiceConditions:
     temperature_c: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no test could have."""
+        """Refuse impossible values."""
         _number("hold_s", self.hold_s, "s", "a time not below 0")
         if self.humidity_pct is not None:
             _number("humidity_pct", self.humidity_pct, "%", "a humidity from 0 to 100 %", 100.0)
         if self.temperature_c is not None and not COLDEST <= self.temperature_c <= HOTTEST:
             right = f"degrees Celsius of a room or an oven, {COLDEST:g} to {HOTTEST:g}"
             raise BayesdegError(
-                f"temperature_c {self.temperature_c:g} °C makes no sense; give {right}"
+                f"temperature_c {self.temperature_c:g} °C is out of range; give {right}"
             )
         sd = "a standard error from 0 to 100 % points"
         _number("degradation_sd", self.degradation_sd, "% points", sd, 100.0)
         if isinstance(self.cycle, bool) or self.cycle != int(self.cycle) or self.cycle < 1:
-            raise BayesdegError(f"cycle {self.cycle} is none; cycles are counted from 1")
+            raise BayesdegError(f"cycle {self.cycle} is out of range; cycles are counted from 1")
         for name, known in (("branch", BRANCHES), ("mount", MOUNTS)):
             given = getattr(self, name)
             if given not in known:
@@ -78,22 +78,22 @@ class ServiceConditions:
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Names of what is not as in a prompt first loading."""
+        """Names of conditions that differ from a prompt first loading."""
         return tuple(f.name for f in fields(self) if getattr(self, f.name) != f.default)
 
     @property
     def has_history(self) -> bool:
-        """Whether something happens to a specimen before its pressure is reached and read."""
+        """Whether a specimen has a load history before its reading."""
         return self.hold_s > 0.0 or self.cycle > 1 or self.branch == UNLOADING
 
     def without(self, name: str) -> "ServiceConditions":
-        """Return the conditions with one of them as in a prompt first loading."""
+        """Return the conditions with one reset to a prompt first loading."""
         return replace(self, **{name: getattr(PROMPT, name)})
 
 
 def _number(name: str, value: float, unit: str, right: str, most: float = math.inf) -> None:
     if not (math.isfinite(value) and 0.0 <= value <= most):
-        raise BayesdegError(f"{name} {value:g} {unit} makes no sense; give {right}")
+        raise BayesdegError(f"{name} {value:g} {unit} is out of range; give {right}")
 
 
 PROMPT = ServiceConditions()

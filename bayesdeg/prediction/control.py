@@ -10,10 +10,13 @@ from bayesdeg.prediction.predictive import QUANTILES, Specimens, finer, respond
 Floats = NDArray[np.float64]
 
 INTERVAL = (0.05, 0.5, 0.95)
-DOUBLINGS = 6  # of the pressure that is tried first
-COARSE, FINE = 33, 65  # pressures at which curves are inverted, first over all, then where needed
+DOUBLINGS = 6  # factor on the pressure tried first
+COARSE, FINE = (
+    33,
+    65,
+)  # pressures for inverting curves, first over the whole range, then where needed
 FINER_STRATA = 60
-POINTS, ROUNDS = 17, 4  # the pressure allowed is found to 1/65536 of the range
+POINTS, ROUNDS = 17, 4  # bisections: the allowed pressure is found to 1/65536 of the range
 
 
 @dataclass(frozen=True)
@@ -25,12 +28,12 @@ class Allowed:
     pressure : float
         [kPa]; 0 if not even the smallest is allowed.
     by_rupture : bool
-        Whether rupture is what ends it; otherwise more specimens than the risk balloon beyond, or
-        lie outside of the range of the forward map.
+        Whether rupture limits it; otherwise more specimens than the risk balloon beyond, or lie
+        outside the range of the forward map.
     found : bool
-        False if there was no end among the pressures tried: then `pressure` is the largest tried.
+        False if no limit was found: then `pressure` is the largest tried.
     by_test : bool
-        Whether the risk would allow more, and what was tested ends it.
+        Whether the tests limit it although the risk would allow more.
     """
 
     pressure: float
@@ -41,12 +44,12 @@ class Allowed:
 
 @dataclass(frozen=True)
 class Setting:
-    """What to set for a wanted curvature, and what comes of it.
+    """The pressure for a wanted curvature, and its consequences.
 
     Parameters
     ----------
     degradation, wanted, risk : float
-        What was asked: [%], the median where draws have rates of their own, [1/m], [–].
+        The request: [%], the median if rates differ between draws, [1/m], [–].
     pressure : float
         To be set [kPa]: that at which half of the specimens reach the wanted curvature, or the
         largest allowed if that is less; nan if none is allowed.
@@ -59,10 +62,10 @@ class Setting:
         The largest pressure allowed by the risk.
     curvature : array, shape (5,)
         Quantiles ``QUANTILES`` over new specimens of the curvature at `pressure` [1/m]; inf of
-        specimens without an answer there, which bend further before they balloon.
+        specimens outside the range there, which bend further before they balloon.
     probability : array, shape (3,)
         Probability of rupture at `pressure`, and its 5 and 95 % quantiles over the posterior [–];
-        nan if nothing is known of the elongation at break.
+        nan if the elongation at break is unknown.
     hours : float, optional
         Time in the soil, where the degradation rate follows from it [h].
     rates : array
@@ -164,7 +167,7 @@ def largest_allowed(
     """Return the largest pressure up to which the probability of rupture is not above a risk.
 
     It is the probability that a new specimen bursts, averaged over specimens and posterior; those
-    without an answer of the forward map count as burst.
+    outside the range of the forward map count as burst.
 
     Parameters
     ----------
@@ -213,7 +216,7 @@ def control(
     first: float,
     allowed: Allowed | None = None,
 ) -> Setting:
-    """Return the pressure to set for a wanted curvature, and what comes of it.
+    """Return the pressure for a wanted curvature, and its consequences.
 
     The pressure is the median of those that new specimens need; as curves rise, it is also the one
     at which the median curvature is the wanted one.
@@ -231,7 +234,7 @@ def control(
     first : float
         The largest pressure tried first [kPa].
     allowed : Allowed, optional
-        What `largest_allowed` found for the same specimens, degradation rate and risk.
+        Result of `largest_allowed` for the same specimens, degradation rate and risk.
 
     Raises
     ------

@@ -1,14 +1,14 @@
-r"""How long an actuator in the soil does its duty: curvature, rupture and pressure against time.
+r"""Service life of an actuator in the soil: curvature, rupture and pressure against time.
 
-The degradation rate D(t) of the mean film follows from the moisture of films, draw by draw. That of
-a specimen differs from it by a share of its own,
+The degradation rate D(t) of the mean film follows from the moisture of films, draw by draw. That
+of a specimen deviates from it in proportion,
 
 .. math:: D_i(t) = D(t) (1 + z_i s / D_\infty), \qquad z_i \sim N(0, 1),
 
-with s the scatter of films, so that specimens lie apart by s where the course levels off, and not
-at all while they are fresh. Each has its own stiffness and its own limit of elongation, whose
-quantile stays the same in time: it has burst by t if its strain passed its limit at any time up to
-t. So the probability that it has burst is the largest so far.
+with s the scatter of films, so that specimens scatter by s where the course levels off, and not at
+all while fresh. Each has its own stiffness and elongation limit, with a quantile that is constant
+in time: it has burst by t if its strain exceeded its limit at any time up to t. So the probability
+that it has burst is the largest so far.
 """
 
 from collections.abc import Callable
@@ -29,17 +29,17 @@ DRAWS, STRATA = 250, 12
 
 @dataclass(frozen=True)
 class Duty:
-    """What an actuator in the soil has to do.
+    """Duty of an actuator in the soil.
 
     Parameters
     ----------
     pressure : float
-        To which it is loaded [kPa].
+        Service pressure [kPa].
     curvature : float
-        By which it has to bend [1/m].
+        Required curvature [1/m].
     risk : float
-        Largest probability of rupture that is accepted where the pressure may be raised to keep
-        the curvature, between 0 and 1 [–].
+        Largest acceptable probability of rupture if the pressure is raised to keep the curvature,
+        between 0 and 1 [–].
     """
 
     pressure: float
@@ -49,7 +49,7 @@ class Duty:
 
 @dataclass(frozen=True)
 class Life:
-    """What becomes of specimens in the soil.
+    """Life of specimens in the soil.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def passed_at(hours: Floats, share: Floats, quantiles: Floats) -> Floats:
 def specimens_in_soil(
     soil: Soil, specimens: Specimens, generator: np.random.Generator
 ) -> Callable[[float], Floats]:
-    """Return what gives the degradation rate of each specimen after a time in the soil [h].
+    """Return a function for the degradation rate of each specimen after a time in the soil [h].
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def specimens_in_soil(
     drawn = soil.drawn(generator, draws)
     apart = generator.standard_normal((draws, specimens.strata))
     share = drawn.film_scatter / drawn.values["degradation_limit"]
-    # a specimen further off than the mean film is degraded does not grow younger
+    # degradation cannot become negative
     factor = np.maximum(1.0 + share[:, None] * apart, 0.0)
 
     def rates(hours: float) -> Floats:
@@ -174,7 +174,7 @@ def live(
     ceiling: Callable[[Level], float],
     shown: Callable[[float], None] = lambda _: None,
 ) -> Life:
-    """Return what becomes of specimens in the soil.
+    """Return the life of specimens in the soil.
 
     Parameters
     ----------

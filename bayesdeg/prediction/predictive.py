@@ -46,7 +46,7 @@ def at_conditions(
 
 
 class LoadHistory(NamedTuple):
-    """What is done to specimens up to their readings.
+    """Loading of specimens up to their readings.
 
     Parameters
     ----------
@@ -63,9 +63,10 @@ class LoadHistory(NamedTuple):
 
 
 def history(conditions: ServiceConditions, pressure: Floats, largest: float) -> LoadHistory:
-    """Return what is done to specimens of which each is read at its own pressure.
+    """Return the loading of specimens that are each read at their own pressure.
 
-    All but the last step is prompt. Since prompt cycles are all alike, one stands for those before.
+    All steps but the last are prompt. Since prompt cycles are equal, one represents all earlier
+    ones.
 
     Parameters
     ----------
@@ -213,7 +214,7 @@ class Grid:
         return self.model.strength(values).mapped(lambda array: array[:, ::step, None])
 
     def reached(self, values: Named, deviation: Floats) -> "Reached":
-        """Return what specimens do up to each reading, (n, n_levels, n_pressures).
+        """Return the response of specimens up to each reading, (n, n_levels, n_pressures).
 
         Parameters
         ----------
@@ -236,7 +237,7 @@ class Grid:
 
 
 class Reached(NamedTuple):
-    """What specimens do up to their readings, each (n, n_levels, n_pressures).
+    """Response of specimens up to their readings, each (n, n_levels, n_pressures).
 
     Parameters
     ----------
@@ -245,7 +246,7 @@ class Reached(NamedTuple):
     stretch, stretch_sd : array
         The largest stretch so far, and the forward map's error of it [–].
     answered : array of bool
-        Whether the forward map has an answer to all that happened.
+        Whether the whole history is within the forward map's range.
     """
 
     curvature: Floats
@@ -263,29 +264,28 @@ def _largest_stretch(prediction: Prediction) -> tuple[Floats, Floats]:
     return largest, error
 
 
-LOOKED_AT = 20  # draws with which it is seen what conditions move
-SHARES = np.array([0.25, 0.5, 0.75, 1.0])  # of the largest pressure tested, at which it is seen
-SAME = 1e-9  # relative difference up to which predictions are the same: rounding
+LOOKED_AT = 20  # draws for testing the effect of conditions
+SHARES = np.array([0.25, 0.5, 0.75, 1.0])  # fractions of the largest tested pressure for that test
+SAME = 1e-9  # relative difference up to which predictions are equal: rounding
 
 
 def moving_nothing(
     model: JointModel, chain: Chain, degradation: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
-    """Return the names of conditions to which no cause answers: they move no curvature, no limit.
+    """Return the names of conditions without effect on curvature or elongation limit.
 
-    Each is put back to that of a prompt first loading while the others stay; a condition that acts
-    only together with another one that was not given moves nothing either. Of rupture the
-    elongation limit counts alone: whatever the causes, what was at a larger pressure before may
-    have burst there.
+    Each is reset to that of a prompt first loading while the others stay; a condition that acts
+    only together with one that was not given has no effect either. For rupture only the elongation
+    limit counts, since whatever the causes, a specimen may have burst at a larger earlier pressure.
 
     Parameters
     ----------
     model, chain : JointModel, Chain
-        With the causes that may answer.
+        With the active causes.
     degradation : array, shape (n_levels,)
         [%]
     conditions : ServiceConditions
-        Asked for.
+        The requested conditions.
     """
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[:: -(-len(flat) // LOOKED_AT)])
@@ -326,7 +326,7 @@ def curvature_bands(
     draws: int = 1000,
     conditions: ServiceConditions = PROMPT,
 ) -> pd.DataFrame:
-    """Return quantiles of the curvature of a further specimen, without reading noise.
+    """Return quantiles of the curvature of a new specimen, without reading noise.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ def curvature_bands(
     draws : int
         Number of specimens drawn.
     conditions : ServiceConditions
-        In which they are read.
+        Conditions of the reading.
 
     Returns
     -------
@@ -373,7 +373,7 @@ _EDGE = 2.0**-40  # of which the normal law has finite quantiles
 
 @dataclass(frozen=True)
 class Specimens:
-    """Specimens that have not been tested: several of each posterior draw.
+    """New specimens: several for each posterior draw.
 
     Parameters
     ----------
@@ -398,7 +398,7 @@ class Specimens:
 
 @dataclass(frozen=True)
 class Response:
-    """What specimens do under pressures.
+    """Response of specimens to pressures.
 
     Parameters
     ----------
@@ -406,7 +406,7 @@ class Response:
         Without reading noise [1/m]; nan where the forward map has no answer.
     burst : array, shape (n_draws, n_pressures)
         Probability that a specimen of a draw has burst up to a pressure. One for which the forward
-        map has no answer counts as burst, since it balloons or nothing is known of it.
+        map has no answer counts as burst, since it balloons or nothing is known about it.
     """
 
     curvature: Floats
@@ -414,7 +414,7 @@ class Response:
 
     @property
     def answered(self) -> Floats:
-        """Share of the specimens for which there is an answer, (n_pressures,)."""
+        """Share of the specimens within the forward map's range, (n_pressures,)."""
         share: Floats = np.mean(np.isfinite(self.curvature), axis=0)
         return share
 
@@ -428,7 +428,7 @@ def draw_specimens(
     strata: int = STRATA,
     conditions: ServiceConditions = PROMPT,
 ) -> Specimens:
-    """Draw parameters, and specimens of each, their stiffness spread evenly over its law.
+    """Draw parameters, and specimens of each with stratified stiffness.
 
     The k-th of m specimens has the score Φ⁻¹((k + u)/m), with one u a draw, uniform in [0, 1): each
     is a random specimen, and a mean over them has less error than over as many independent ones.
@@ -452,7 +452,7 @@ def draw_specimens(
 
 
 def finer(specimens: Specimens, strata: int) -> Specimens:
-    """Return more specimens of the same draws, at the middles of equal shares of the law.
+    """Return more specimens of the same draws, at the midpoints of equal strata.
 
     Parameters
     ----------
@@ -469,7 +469,7 @@ def finer(specimens: Specimens, strata: int) -> Specimens:
 
 
 def respond(specimens: Specimens, degradation: float | Floats, pressure: Floats) -> Response:
-    """Return what specimens do in their conditions.
+    """Return the response of specimens in their conditions.
 
     Parameters
     ----------
@@ -489,7 +489,7 @@ def respond_each(
 ) -> tuple[Floats, Floats]:
     """Return curvature [1/m] and probability of rupture of each specimen, (n, n_pressures).
 
-    Parameters are those of `respond`; what has no answer has no curvature, and counts as burst.
+    Parameters as in `respond`; specimens outside the range have no curvature and count as burst.
     """
     rates = np.atleast_1d(degradation)
     if np.ndim(degradation):
@@ -511,10 +511,10 @@ def _burst(grid: Grid, values: Named, reached: Reached) -> Floats:
 
 
 def specimens_tested(model: JointModel) -> int:
-    """Return how many films were broken and actuators loaded: what knows of rupture at all.
+    """Return the number of films broken and actuators loaded, the data on rupture.
 
-    The law of the limit, its scatter and the strain demanded were checked on no more. Films behind
-    a published mean count too, as do actuators of which only the number that burst is known.
+    The distribution of the limit and the strains were checked on no more specimens. Films behind a
+    published mean count too, as do actuators of which only the number burst is known.
     """
     films = 0 if model.breaks is None else len(model.breaks.specimens)
     means = (s for s in model.statistics if s.quantity == "elongation_at_break")
@@ -525,14 +525,14 @@ def specimens_tested(model: JointModel) -> int:
 
 
 def fewest_checks(specimens: int, draws: int) -> int:
-    """Return N, one in which is the least probability that is known: specimens, or else draws."""
+    """Return N, with 1/N the smallest probability that can be stated: specimens, or else draws."""
     return max(1, min(specimens or draws, draws))
 
 
 def not_below(probability: Floats, checks: int) -> Floats:
-    """Return probabilities of rupture that are at least one in so many checks.
+    """Return probabilities of rupture with a floor of one in the number of checks.
 
-    What is less rests on the tail of a law that no specimen has seen.
+    Smaller ones rest on a tail that no specimen has tested.
 
     Examples
     --------
@@ -559,8 +559,8 @@ def rupture_table(
 ) -> pd.DataFrame:
     """Return the probability that a specimen bursts up to a pressure.
 
-    A specimen bursts where the stretch that the criterion sees passes its uniaxial elongation
-    limit, which scatters about a median that depends on D_R. The probability averages over
+    A specimen bursts if the stretch of the criterion exceeds its uniaxial elongation limit, which
+    scatters about a median that depends on D_R. The probability averages over
     specimens; its 5 and 95 % quantiles are over the posterior. None of them is below one in the
     number of specimens that were tested, or of draws if that is not given, but for 0 of those that
     were never under pressure. Parameters are those of
@@ -604,7 +604,7 @@ def rupture_table(
 
 
 def _probability(stretch: Floats, stretch_sd: Floats, strength: Strength) -> Floats:
-    """Return the probability to have burst; the error of the forward map adds to the scatter."""
+    """Return the probability of having burst; the error of the forward map adds to the scatter."""
     known = np.isfinite(stretch)
     strain = np.where(known, stretch, 1.0) - 1.0
     share = stretch_sd / np.maximum(strain, 1e-12)

@@ -1,4 +1,4 @@
-"""What the priors alone predict: curves before any reading was taken into account."""
+"""Prior predictive curves."""
 
 from dataclasses import dataclass
 
@@ -19,12 +19,12 @@ DRAWS = 1000
 PRESSURE_STEP = 20.0  # [kPa]
 STRETCHES = 25
 CURVATURE, STRESS = "curvature", "nominal_stress"
-LEAST_INSIDE = 0.5  # of the readings; below, the priors are said to contradict them
+LEAST_INSIDE = 0.5  # share of the readings inside, below which the priors contradict them
 
 
 @dataclass(frozen=True)
 class PriorPredictive:
-    """Curves that the priors alone predict.
+    """Prior predictive curves.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class PriorPredictive:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Shares of the readings inside, by what was read."""
+        """Shares of the readings inside, by kind."""
         both = {"curvature": self.inside_curvature, "stress": self.inside_stress}
         return {what: share for what, share in both.items() if np.isfinite(share)}
 
@@ -132,7 +132,7 @@ def stress_curves(model: JointModel, values: Named, generator: np.random.Generat
 def _held_against_curvature(
     model: JointModel, values: Named, generator: np.random.Generator
 ) -> tuple[float, float]:
-    """Return the share of draws that are answered everywhere, and of readings inside 90 %."""
+    """Return the shares of draws within range everywhere, and of readings inside 90 %."""
     assert model.actuator is not None
     mask = model.actuator.mask
     readings = model.simulate_curvature(values, generator)[:, mask]
@@ -173,7 +173,7 @@ def _frame(
     pressure_kPa: Floats | float = np.nan,
     stretch: Floats | float = np.nan,
 ) -> pd.DataFrame:
-    """Return quantiles over draws (n, n_places), a row a place."""
+    """Return quantiles over draws (n, n_places), one row per place."""
     answered = np.mean(np.isfinite(draws), axis=0)
     usable = answered >= 0.5
     bands = np.where(

@@ -1,13 +1,13 @@
-r"""What the uncertainty of a prediction is made of: shares of its variance by group of inputs.
+r"""Variance decomposition of a prediction by groups of inputs.
 
 Inputs x are standard normal with correlations Σ, and a prediction is a quadratic of them,
-:math:`y = b^T x + x^T B x`. What is known of y once a set u of the inputs is known has the variance
+:math:`y = b^T x + x^T B x`. The expectation of y given a set u of the inputs has the variance
 
 .. math:: V(u) = |A^T b|^2 + 2\, \|A^T B A\|_F^2, \qquad A = \Sigma_{\cdot u} L^{-T},
     \quad L L^T = \Sigma_{uu}
 
 in closed form, and all indices of a group follow from V over sets of groups. Posterior parameters
-are correlated, so a variance cannot be split by terms: who knows one group knows something of the
+are correlated, so a variance cannot be split by terms: knowing one group is informative about the
 others. The share of a group is therefore its Shapley effect, which sums to 1 whatever the
 correlations (Owen 2014, doi:10.1137/130936233; Song, Nelson and Staum 2016,
 doi:10.1137/15M1048070).
@@ -45,7 +45,9 @@ SOURCES = (MATERIAL, DEGRADATION, SCATTER, PAPER, SCALE, DIMENSIONS, CAUSES, EMU
 
 DRAWS = 2000  # a correlation of independent draws is then known to 0.02
 PLACES = (0.25, 0.5, 0.75, 1.0)  # of the largest pressure
-LEAST_ANSWERED = 0.5  # of the draws; below, the law of a prediction is not known
+LEAST_ANSWERED = (
+    0.5  # share of the draws within range, below which the law of a prediction is unknown
+)
 FEWEST_A_TERM = 3  # draws for each term of a quadratic; with fewer, it is a plane
 RIDGE = 1e-9  # of variances 1: keeps a factor of correlations positive definite
 
@@ -61,7 +63,7 @@ class Quadratic:
     square : array, shape (n_outputs, n_inputs, n_inputs)
         B of each, symmetric.
     explained : array, shape (n_outputs,)
-        Share of the outputs' variance that the quadratics leave nothing of [–].
+        Share of the outputs' variance that the quadratics explain [–].
     """
 
     linear: Floats
@@ -76,12 +78,12 @@ class GroupIndices:
     Parameters
     ----------
     first : array
-        Share of the variance that goes if the group alone becomes known.
+        Share of the variance removed if only the group becomes known.
     total : array
-        Share that stays if all but the group become known.
+        Share that remains if all but the group become known.
     share : array
-        Shapley effect: what the group explains beyond those known before it, on average over all
-        orders in which they may become known. Sums to 1 over the groups.
+        Shapley effect: mean gain of the group beyond those known before it, over all orders in
+        which they may become known. Sums to 1 over the groups.
     """
 
     first: Floats
@@ -233,7 +235,7 @@ def _shapley(values: Mapping[tuple[int, ...], Floats], group: int, count: int) -
 
 @dataclass(frozen=True)
 class _Inputs:
-    """Draws of all that a reading of a new actuator depends on.
+    """Draws of all inputs of a reading on a new actuator.
 
     Parameters
     ----------
@@ -261,7 +263,7 @@ def curvature_shares(
     degradation: Floats,
     pressure: Floats,
 ) -> pd.DataFrame:
-    """Return what the variance of a curvature read on a new actuator is made of.
+    """Return the shares of the variance of a curvature read on a new actuator.
 
     The reading is of a prompt first loading in a horizontal mount. Its degradation rate has the
     standard error with which those of the study's actuators were measured.
@@ -319,7 +321,7 @@ def _inputs(model: JointModel, values: Named, generator: np.random.Generator) ->
     size, drawn = len(names), own if model.degrades else own[:, :1]
     correlation = np.eye(size + drawn.shape[1])
     correlation[:size, :size] = scores.T @ scores / count  # scores have mean 0 and variance 1
-    np.fill_diagonal(correlation, 1.0)  # also of a parameter that is known exactly
+    np.fill_diagonal(correlation, 1.0)  # also for a parameter that is known exactly
     groups, first = {}, 0
     for source, group in members.items():
         groups[source] = np.arange(first, first + len(group))
@@ -340,7 +342,7 @@ def _scores(draws: Floats) -> Floats:
 
 
 def _members(model: JointModel) -> dict[str, list[str]]:
-    """Return the parameters that a curvature depends on, by source; sources without any are out."""
+    """Return the parameters of a curvature by source, without empty sources."""
     names = model.table.names
     acting = [one for one in model.causes if "actuator" in one.acts_on]
     found = {
@@ -371,7 +373,7 @@ def _readings(
     curvature = np.where(found.status == 0, found.curvature, np.nan)
     floor, noise = (values[f"curvature_noise{n}"][:, None, None] for n in ("_floor", ""))
     errors = {READING: np.hypot(floor, noise * curvature)}
-    if np.any(found.sd[np.isfinite(curvature)] > 0.0):  # where no parameters stand for it
+    if np.any(found.sd[np.isfinite(curvature)] > 0.0):  # where no parameters represent it
         errors[EMULATOR] = np.broadcast_to(found.sd, curvature.shape)
     count = len(curvature)
     return curvature.reshape(count, -1), {n: e.reshape(count, -1) for n, e in errors.items()}

@@ -1,4 +1,4 @@
-"""Degradation rates at which a new specimen is predicted: known, or after a time in the soil."""
+"""Degradation rates for predictions: known, or after a time in the soil."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ class Level:
         if self.is_known:
             return float(self.rates[0])
         if count > len(self.rates):
-            raise ValueError(f"the course has {len(self.rates)} draws, and {count} are asked for")
+            raise ValueError(f"the course has {len(self.rates)} draws, but {count} are requested")
         return self.rates[:count]
 
     def column(self, count: int) -> Floats:
@@ -60,7 +60,7 @@ class Level:
         return rates if self.is_known else rates[:, None]
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the level in words."""
         if self.hours is None:
             return f"degraded by {self.rates[0]:g} %"
         return f"{self.hours:g} h in the soil"
@@ -98,7 +98,7 @@ class Soil:
     def film_scatter(self) -> Floats:
         """Return the standard deviation of D_R from film to film, (k,) [%].
 
-        That of moisture over the fresh moisture, so it holds errors of weighing too.
+        The scatter of moisture over the fresh moisture, so it includes weighing errors.
 
         Examples
         --------

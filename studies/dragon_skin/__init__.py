@@ -1,1 +1,1 @@
-"""What a motion-capture record of a sagging Dragon Skin 10 cantilever says of its stiffness."""
+"""Stiffness of a sagging Dragon Skin 10 cantilever from a motion-capture record."""

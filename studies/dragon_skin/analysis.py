@@ -1,4 +1,4 @@
-"""Which causes the record supports, what they do to C1, and how well a load case is predicted."""
+"""Causes supported by the record, their effect on C1, and prediction of a load case."""
 
 from dataclasses import dataclass
 from typing import Any, cast

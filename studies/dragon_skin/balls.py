@@ -1,4 +1,4 @@
-"""How a ball that is glued to the surface is carried along."""
+"""Motion of a ball glued to the surface."""
 
 import numpy as np
 from numpy.typing import NDArray

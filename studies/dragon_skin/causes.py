@@ -1,4 +1,4 @@
-"""What the model of the beam may have wrong: each a nuisance with a prior, none of it at zero."""
+"""Possible errors of the beam model: nuisances with priors, without effect at zero."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Quadratic shape functions on rows of nodes: what a box of triquadratic bricks is a product of."""
+"""Quadratic shape functions on rows of nodes, whose products form a box of triquadratic bricks."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Where the tip markers come to rest, interpolated between finite element solutions."""
+"""Equilibrium positions of the tip markers, interpolated between finite element solutions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

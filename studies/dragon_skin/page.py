@@ -1,4 +1,4 @@
-"""The page of the study: one HTML file that stands alone."""
+"""The page of the study: one self-contained HTML file."""
 
 import base64
 from typing import Any

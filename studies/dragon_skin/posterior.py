@@ -1,4 +1,4 @@
-"""Markers before the camera → posterior of C1 and of what the model has wrong.
+"""Posterior of C1 and of model errors from the markers seen by the camera.
 
 A coordinate of a marker is y = f(θ, ℓ) + ε with ε normal. θ is sampled: C1, the noise σ, what acts
 through the finite element solution, and the sizes s of the other causes. ℓ ~ N(0, s² D) is

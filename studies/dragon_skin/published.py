@@ -1,4 +1,4 @@
-"""What the source of the record published: its moduli, its COMSOL solutions, and its recipe."""
+"""Published moduli, COMSOL solutions and recipe of the source of the record."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The record of the markers in beam axes, their nominal places, and where the camera stood.
+"""The marker record in beam axes, nominal marker positions, and camera position.
 
 Beam axes: x along the beam from the tip (clamp at x = −100), y across from 0 to 30, z up from 0 to
 30 [mm].

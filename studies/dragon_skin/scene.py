@@ -1,4 +1,4 @@
-"""What the camera should see: from the markers on the beam to their places before the camera."""
+"""Prediction of the camera record from the markers on the beam."""
 
 from collections.abc import Mapping
 

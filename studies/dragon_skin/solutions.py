@@ -1,4 +1,4 @@
-"""The marker map from finite element solutions, and how accurate it is."""
+"""The marker map from finite element solutions, and its accuracy."""
 
 from collections.abc import Callable
 from typing import Any

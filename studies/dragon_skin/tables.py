@@ -1,4 +1,4 @@
-"""The numbers as tables, for the page and the terminal."""
+"""Tables of the results, for the page and the terminal."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The words of the page: what was asked, what was assumed, and the answers with their numbers."""
+"""Texts of the page: questions, assumptions, and answers with their numbers."""
 
 from typing import Any
 

@@ -1,1 +1,1 @@
-"""What the published numbers of Nagai, Kurita, Shintake (2021) allow to conclude."""
+"""Conclusions from the published numbers of Nagai, Kurita, Shintake (2021)."""

@@ -1,14 +1,13 @@
-"""Question (a): what can make simulation and experiment agree as the published R² say.
+"""Question (a): which errors explain the published R² between simulation and experiment.
 
 An imagined experiment differs from the simulation only by what a model allows:
 
     κ_exp(p) = κ_sim(p; D_R + e) · f + noise,   e = 0 at D_R = 0,
 
-with e a D_R error and f the effect of a relative error of stiffness, both in part common to the
-specimens of a level and in part a specimen's own. Given the unknowns the six R² are independent, so
-their likelihood is the product of six densities of ln(1 − R²), each estimated from inner draws with
-a kernel as wide as rounding and a tolerance. What a cause of the catalogue does besides comes
-in as an `Alteration`.
+with e a D_R error and f the effect of a relative error of stiffness, both partly common to the
+specimens of a level and partly independent. Given the unknowns the six R² are independent, so their
+likelihood is the product of six densities of ln(1 − R²), each estimated from inner draws with a
+kernel as wide as rounding and a tolerance. A cause of the catalogue adds an `Alteration`.
 """
 
 from dataclasses import dataclass, replace

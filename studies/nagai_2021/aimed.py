@@ -1,8 +1,8 @@
-"""Draws aimed at where the likelihood is: importance sampling in standard normal scores.
+"""Importance sampling of the likelihood in standard normal scores.
 
 Unknowns are functions of scores that are standard normal under the prior. Likelihoods that need
-rare noise at a narrow size of a cause are missed by draws from the prior; so draws are made about
-those that did well before, and weighted by prior over proposal density.
+rare noise at a narrow size of a cause are missed by draws from the prior; so draws are made around
+earlier good ones, and weighted by prior over proposal density.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""The first contradiction by cause: which makes R² at 0 % fall below that at 5 %.
+"""The first contradiction by cause: R² at 0 % below that at 5 %.
 
 The simulation stays as it is; imagined experiments differ from it by one cause of the catalogue at
-sizes from its prior, beside reading noise alone or together with an error of D_R. Evidence is
+sizes from its prior, in addition to reading noise alone or with an error of D_R. Evidence is
 compared with that of a D_R error alone, the paper's explanation, and split in two:
 
     P(R² at 0 … 25 %) = P(R² at 5 … 25 %) · P(R² at 0 % | R² at 5 … 25 %),

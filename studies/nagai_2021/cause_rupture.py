@@ -1,9 +1,9 @@
-"""The second contradiction by cause: which makes 2 of 3 burst at 25 % and none below.
+"""The second contradiction by cause: 2 of 3 burst at 25 % and none below.
 
-An actuator bursts as `rupture` says, with the strain at 240 kPa and the elongation limit that one
-cause of the catalogue makes of them at sizes from its prior. All causes share their draws of
-material, limit and scatter. Where strain can't be simulated, counts are taken as impossible; the
-share of such draws is given.
+An actuator bursts as in `rupture`, with strain at 240 kPa and elongation limit modified by one
+cause of the catalogue at sizes from its prior. All causes share their draws of material, limit and
+scatter. If the strain cannot be simulated, counts are taken as impossible; the share of such draws
+is given.
 """
 
 from dataclasses import dataclass

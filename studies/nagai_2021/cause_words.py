@@ -1,4 +1,4 @@
-"""Words for the causes: questions, assumptions, and sentences that follow from the numbers."""
+"""Texts on the causes: questions, assumptions and answers from the numbers."""
 
 from typing import Any
 

@@ -1,6 +1,6 @@
-"""Causes of the catalogue at work in the published experiment: which can act, and on what.
+"""Causes of the catalogue in the published experiment: which can act, and on what.
 
-What was not published of the experiment is assumed: one loading from 0 to 240 kPa in steps of
+Unpublished conditions of the experiment are assumed: one loading from 0 to 240 kPa in steps of
 20 kPa, read every 30 s, in a horizontal mount, in a room at 60 % relative humidity. A cause acts
 through its own hooks, at sizes drawn from its own prior.
 """

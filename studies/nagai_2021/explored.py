@@ -1,4 +1,4 @@
-"""The study explored with one cause at work: from the prior, then where the R² are explained."""
+"""Exploration of the study with one cause: from the prior, then where it explains the R²."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Imagined experiments: what a model lets them differ by from the simulation, and their R²."""
+"""Imagined experiments: their deviations from the simulation under a model, and their R²."""
 
 from dataclasses import dataclass
 

@@ -1,8 +1,7 @@
-"""What the answers rest on first of all: how large the error of a reading is taken to be.
+"""Dependence of the answers on the assumed reading error.
 
-The paper states no error of its curvature readings. Evidence of each explanation over that of an
-error of D_R alone is computed for several priors of that error, up to the one that the package
-itself takes where a study says nothing.
+The paper states no error of its curvature readings. Evidence for each explanation relative to an
+error of D_R alone is computed for several priors of that error, up to the default of the package.
 """
 
 from collections.abc import Callable, Iterable

@@ -1,4 +1,4 @@
-"""The published numbers, and the materials and curvature curves that agree with them.
+"""The published numbers, and materials and curvature curves consistent with them.
 
 Nagai, Kurita, Shintake (2021), Front. Robot. AI 8:760485; doi:10.3389/frobt.2021.760485.
 """

@@ -1,4 +1,4 @@
-"""Question (b): which mechanism makes 2 of 3 actuators burst at 25 % and none below.
+"""Question (b): which mechanism bursts 2 of 3 actuators at 25 % and none below.
 
 An actuator bursts before 240 kPa if its uniaxial equivalent elongation there, times a factor of
 concentration k, exceeds the elongation at break of its material, log-normal about the films'

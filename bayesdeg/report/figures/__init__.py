@@ -1,1 +1,1 @@
-"""The figures of a report: a file each, or a file for those that belong together."""
+"""The figures of a report, one file for each or for related ones."""

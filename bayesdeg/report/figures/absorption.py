@@ -1,4 +1,4 @@
-"""Where parameters are, against what all else says of them."""
+"""Figure of parameters against all other information."""
 
 import numpy as np
 import pandas as pd
@@ -25,14 +25,14 @@ from bayesdeg.report.wording import words
 
 Floats = NDArray[np.float64]
 
-NINETY = 1.645  # standard deviations from the middle of a normal law to the end of 90 % of it
+NINETY = 1.645  # half-width of a 90 % interval of a normal law, in standard deviations
 LINEAR = (
     3.0  # standard deviations up to which the axis is linear: beyond, parameters are in question
 )
-LINES = (0.3, 0.1, -0.1, -0.3)  # where what is drawn of one parameter stands, in rows
+LINES = (0.3, 0.1, -0.1, -0.3)  # vertical positions within the row of a parameter
 DRAWN = {
     "prior": ("prior", MUTED),
-    "measured by itself": ("measured", INK),
+    "measured directly": ("measured", INK),
     "base model": ("base", BASE_COLOUR),
     "with the causes": ("after", FINAL_COLOUR),
 }
@@ -41,7 +41,7 @@ ENDS = ("q05", "q50", "q95")
 
 
 def in_widths(row: pd.Series, what: str) -> Floats:
-    """Return quantiles of a parameter in standard deviations of all else, from its median, (3,).
+    """Return quantiles of a parameter relative to all other information, in its sd, (3,).
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def in_widths(row: pd.Series, what: str) -> Floats:
 
 @styled
 def absorption_figure(parameters: pd.DataFrame) -> Figure:
-    """Draw prior, all else, base posterior and what became of it, a row a parameter.
+    """Draw prior, other information, base and final posterior, one row per parameter.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def absorption_figure(parameters: pd.DataFrame) -> Figure:
         [f"{t:d}".replace("-", "\N{MINUS SIGN}") for t in ticks if low <= t <= high]
     )
     axes.minorticks_off()
-    axes.set_xlabel("off what all else says [its standard deviations]")
+    axes.set_xlabel("shift from all other information [its sd]")
     axes.grid(visible=False, axis="y")
     entries = {name: key(c, marker="o") for name, (what, c) in DRAWN.items() if what in there}
     legend_above(figure, entries)
@@ -118,7 +118,7 @@ FIGURES = (
         "absorption",
         "misfit",
         _absorption,
-        "Every parameter that the readings could move, off what all else says of it (prior, "
+        "Shift of every parameter that the readings could move from all other information (prior, "
         "films, means of replicates; grey: its 90 % interval), in standard deviations of that: "
         "median and 90 % interval; the axis is logarithmic beyond 3. "
         "{{ count if count else 'None' }} of them {{ 'is' if count == 1 else 'are' }} in question.",

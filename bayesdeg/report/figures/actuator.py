@@ -1,4 +1,4 @@
-"""The deformed actuator: the cut through its plane of symmetry, if any, and the whole in space."""
+"""Figure of the deformed actuator: section through its symmetry plane, if any, and 3-D view."""
 
 import numpy as np
 from matplotlib import colormaps
@@ -32,9 +32,9 @@ from bayesdeg.report.surface import (
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-PIECES = 4  # into which each side of a face is divided, so that it looks curved
-DOTS_PER_INCH = 160.0  # of the coloured faces; lines beside them and text are no pixels
-SHOWN_SHARE = 0.995  # of the drawn area that lies inside the range of colours
+PIECES = 4  # subdivisions of each side of a face, so that it looks curved
+DOTS_PER_INCH = 160.0  # resolution of the coloured faces; lines and text are vectors
+SHOWN_SHARE = 0.995  # share of the drawn area inside the colour range
 COLOURS = colormaps["magma_r"]
 EDGE = (0.08, 0.09, 0.11, 1.0)
 MARGIN = 1.5  # around the drawn actuators [mm]
@@ -45,7 +45,7 @@ RIGHT = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
 TOWARDS = np.array([*(np.cos(_ELEVATION) * np.array([RIGHT[1], -RIGHT[0]])), np.sin(_ELEVATION)])
 UP = np.cross(TOWARDS, RIGHT)
 _LIGHT = np.array([-0.35, 0.65, 0.67])  # from the upper left, in the picture's axes
-_ACROSS = np.array([1.0, -1.0, 1.0])  # what mirrors a point at the plane of symmetry
+_ACROSS = np.array([1.0, -1.0, 1.0])  # mirror image at the plane of symmetry
 
 
 @styled
@@ -126,7 +126,7 @@ def _outside(surface: Surface) -> Indices:
 
 
 def _whole(surface: Surface, shape: Shape) -> Quads:
-    """Return the outer faces, of a half those of both."""
+    """Return the outer faces, mirrored for a half."""
     half = quads_of(shape.placed, shape.stretch, _outside(surface), pieces=PIECES)
     if not surface.is_half:
         return half
@@ -135,7 +135,7 @@ def _whole(surface: Surface, shape: Shape) -> Quads:
 
 
 def _range(drawn: list[Quads]) -> Normalize:
-    """From 1 to the value that nearly all of the drawn area stays below."""
+    """Colour range from 1 to the value that nearly all of the drawn area stays below."""
     values, areas = (
         np.concatenate([getattr(quads, name) for quads in drawn]) for name in ("values", "areas")
     )
@@ -150,7 +150,7 @@ def _in_plane(quads: Quads) -> Floats:
 
 
 def _projected(points: Quads | Floats) -> Floats:
-    """Return what lies right, above and towards the viewer, (..., 3) [mm]."""
+    """Return coordinates to the right, upwards and towards the viewer, (..., 3) [mm]."""
     corners = points.corners if isinstance(points, Quads) else points
     projected: Floats = corners @ np.stack([RIGHT, UP, TOWARDS], axis=1)
     return projected

@@ -1,4 +1,4 @@
-"""Figure of the chains: whether every ensemble visits every part of the posterior as often."""
+"""Figure of the chains: rank plots of the ensembles."""
 
 import numpy as np
 import xarray as xr
@@ -10,16 +10,16 @@ from bayesdeg.report.drawing import MUTED, PageFigure, Shown, Sketch, level_colo
 from bayesdeg.report.folder import POSTERIOR
 from bayesdeg.report.wording import words
 
-BINS = 10  # of ranks: 50 draws each at quick effort, or chance hides all else
+BINS = 10  # bins of ranks: 50 draws each at quick effort, or noise dominates
 CHANCE = 3.0  # standard deviations of the number of draws in a bin: the band
 MOST = 12  # parameters, those that mix worst
 
 
 def rank_counts(draws: NDArray[np.float64], bins: int = BINS) -> NDArray[np.float64]:
-    """Return how the ranks of each chain are spread, over what is expected of every bin.
+    """Return the rank histogram of each chain, over the expected count of a bin.
 
-    Chains that sample the same law have ranks that are uniform, so that all counts are near 1.
-    A chain that is shifted has a slope, one that is too narrow a hump.
+    Chains that sample the same law have uniform ranks, so all counts are near 1. A shifted chain
+    has a slope, one that is too narrow a hump.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def rank_counts(draws: NDArray[np.float64], bins: int = BINS) -> NDArray[np.floa
 
 @styled
 def rank_figure(posterior: xr.Dataset) -> Figure:
-    """Draw the ranks of the draws of each chain, a panel a parameter.
+    """Draw the ranks of the draws of each chain, one panel per parameter.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def rank_figure(posterior: xr.Dataset) -> Figure:
         axes.set_title(words(name), fontsize=7.0)
         axes.set_xlim(0.0, 1.0)
         axes.set_ylim(bottom=0.0)
-    figure.supxlabel("rank among the draws of all chains, over their number [–]", fontsize=8.0)
+    figure.supxlabel("rank among the draws of all chains, normalised [–]", fontsize=8.0)
     figure.supylabel("draws, over their expected number [–]", fontsize=8.0)
     return figure
 
 
 def _ranks(shown: Shown) -> Sketch | None:
-    # draws that took in further readings are of no chains
+    # updated draws do not come from chains
     posterior = shown.posterior(POSTERIOR) if shown.run.update is None else None
     if posterior is None or min(posterior.sizes.values(), default=0) < 2:
         return None
@@ -97,8 +97,8 @@ FIGURES = (
         _ranks,
         "Ranks of the draws of each of {{ chains }} chains among those of "
         "all, for the final model. If all chains sample the same posterior, every line stays near "
-        "1; the band holds {{ chance | number(1) }} standard deviations of independent draws. A "
-        "chain that slopes is shifted against the others, one with a hump is too narrow."
+        "1; the band is {{ chance | number(1) }} standard deviations of independent draws. A "
+        "sloping chain is shifted against the others, one with a hump is too narrow."
         "{% if drawn < parameters %} The {{ drawn }} of {{ parameters }} parameters that depart "
         "most are drawn.{% endif %}",
         title="Do the chains agree?",

@@ -1,4 +1,4 @@
-"""Figures of what a posterior rests on: single specimens, priors, and the priors alone."""
+"""Figures of the checks of a posterior: leave-one-out, prior sensitivity, prior predictions."""
 
 import numpy as np
 import pandas as pd
@@ -63,7 +63,7 @@ def leave_one_out_figure(specimens: pd.DataFrame) -> Figure:
 
 @styled
 def sensitivity_figure(sensitivity: pd.DataFrame) -> Figure:
-    """Draw how conclusions answer to priors and to the likelihood.
+    """Draw the sensitivity of conclusions to priors and likelihood.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def sensitivity_figure(sensitivity: pd.DataFrame) -> Figure:
 def prior_curvature_figure(
     prior: pd.DataFrame, observations: pd.DataFrame | None, *, degrades: bool = True
 ) -> Figure:
-    """Draw the prior's curvature, a panel a degradation rate, beside the readings.
+    """Draw the prior predictive curvature and the readings, one panel per degradation rate.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def prior_curvature_figure(
 def prior_stress_figure(
     prior: pd.DataFrame, tensile: pd.DataFrame | None, *, degrades: bool = True
 ) -> Figure:
-    """Draw the prior's nominal stress, a panel a mode and degradation rate, beside the readings.
+    """Draw the prior predictive stress and the readings, one panel per mode and degradation rate.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ FIGURES = (
         "posterior",
         _leave_one_out,
         "Every specimen left out in turn. Above: shape k of the importance weights. From 0.7 on "
-        "they cannot be relied on, and the model was calibrated again without that specimen "
+        "they are unreliable, and the model was calibrated again without that specimen "
         "(filled). Below: what its own readings add to its log density.",
         ("leave_one_out",),
     ),
@@ -235,16 +235,16 @@ FIGURES = (
         "prior-curvature",
         "posterior",
         _prior_curvature,
-        "Curvature against pressure as the priors alone predict it, before any reading: 50 % and "
-        "90 % bands of the draws that have an equilibrium, median, and the readings.",
+        "Prior predictive curvature against pressure: 50 % and 90 % bands of the draws that have "
+        "an equilibrium, median, and the readings.",
         ("prior_predictive", "observations"),
     ),
     PageFigure(
         "prior-stress",
         "posterior",
         _prior_stress,
-        "Nominal stress against stretch as the priors alone predict it: 50 % and 90 % bands, "
-        "median, and the readings.",
+        "Prior predictive nominal stress against stretch: 50 % and 90 % bands, median, and the "
+        "readings.",
         ("prior_predictive", "tensile"),
     ),
 )

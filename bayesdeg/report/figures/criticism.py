@@ -1,4 +1,4 @@
-"""Figures of what is wrong with a model, and of what the extended one gains on held-out data."""
+"""Figures of model criticism, and of the gain on held-out data."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -90,7 +90,7 @@ def statistics_figure(statistics: pd.DataFrame) -> Figure:
     axes.set_yticks(place, [_label(row) for _, row in chosen.iterrows()])
     axes.set_ylim(-0.6, len(chosen) - 0.4)
     axes.set_xlim(-FURTHEST - 0.5, FURTHEST + 0.5)
-    axes.set_xlabel("distance from the middle of the simulated 5–95 % band, in half its width [–]")
+    axes.set_xlabel("distance from the middle of the simulated 5–95 % band, in half-widths [–]")
     axes.grid(visible=False, axis="y")
     _write_values(axes, chosen)
     hollow = key(FINAL_COLOUR, marker="o", line=False)
@@ -146,7 +146,7 @@ def loo_pit_figure(curves: pd.DataFrame) -> Figure:
         axes.set_title(f"{model_words(model)}, {_chance(chosen.iloc[0])}")
         axes.set_xlim(0.0, 1.0)
     figure.supxlabel("predicted probability of a smaller reading [–]", fontsize=8.0)
-    figure.supylabel("share of readings below it, less it [–]", fontsize=8.0)
+    figure.supylabel("share of readings below, less that probability [–]", fontsize=8.0)
     entries = {model_words(m): key(COLOURS.get(m, FINAL_COLOUR)) for m in models}
     inside = key(MUTED)
     inside.set(linewidth=6, alpha=0.3)
@@ -162,7 +162,7 @@ def discrepancy_figure(
     line: str = "to explain",
     points: str = "measured less base model",
 ) -> Figure:
-    """Draw how much there is to explain, and what is left after the named cause.
+    """Draw the discrepancy of the base model, and that left after the named cause.
 
     Curvature against pressure, a panel a degradation rate; of studies without actuators, stress
     against stretch, a panel a mode of tension.
@@ -219,7 +219,7 @@ def _axes_of(kind: str) -> tuple[str, str]:
 def _panels_of(
     chosen: pd.DataFrame, kind: str, *, degrades: bool
 ) -> tuple[NDArray[np.int64], list[str]]:
-    """Return in which panel each row is drawn, and what stands over the panels."""
+    """Return the panel of each row, and the titles of the panels."""
     if kind != CURVATURE:
         names = sorted(set(chosen["history"].astype(str)))[:MOST_LEVELS]
         place = {name: index for index, name in enumerate(names)}
@@ -250,7 +250,7 @@ def _draw_points(axes: Axes, here: pd.DataFrame) -> None:
 
 
 def _paths(here: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which readings are of unloading, and which of cycles after the first."""
+    """Return masks of readings on unloading, and of cycles after the first."""
     words = [str(history).split() for history in here["history"]]
     unloading = np.array([word[:1] == ["unloading"] for word in words], bool)
     later = [len(word) > 1 and word[0] in BRANCHES and word[1] != "1" for word in words]
@@ -265,7 +265,7 @@ def _draw_discrepancy(axes: Axes, here: pd.DataFrame, colour: str) -> None:
 def _draw_positions(
     axes: Axes, shown: Floats, place: NDArray[np.int64], position: Floats, filled: bool
 ) -> None:
-    """Draw values; those beyond the edge as arrows that point there."""
+    """Draw values, with arrows for those beyond the edge."""
     colour = BASE_COLOUR if filled else FINAL_COLOUR
     for marker, rows in (
         ("o", np.abs(position) <= FURTHEST),
@@ -284,7 +284,7 @@ def _draw_positions(
 
 
 def _chance(row: "pd.Series[Any]") -> str:
-    """Word the p-value of a row; runs before 0.2 do not say from how many data sets it is."""
+    """Format the p-value of a row; runs before 0.2 lack the number of data sets."""
     replicates = float(row.get("replicates", np.nan))
     return p_value(float(row["p_value"]), replicates if np.isfinite(replicates) else None)
 
@@ -311,7 +311,7 @@ def gain_figure(
     final: str,
     by_mode: pd.DataFrame | None = None,
 ) -> Figure:
-    """Draw what the extended model gains on held-out specimens, or modes of tension.
+    """Draw the gain of the extended model on held-out specimens or modes of tension.
 
     Parameters
     ----------
@@ -436,9 +436,9 @@ FIGURES = (
         "discrepancy",
         "misfit",
         _discrepancy,
-        "How much there is to explain: the smooth discrepancy of the base model, fitted together "
-        "with its parameters, and the readings about it.{% if final %} What the same measure finds "
-        "with the named cause in the model is “left”.{% endif %}",
+        "The misfit to explain: the smooth discrepancy of the base model, fitted together "
+        "with its parameters, and the readings about it.{% if final %} “Left”: the same with the "
+        "named cause in the model.{% endif %}",
         ("discrepancy",),
     ),
     PageFigure(
@@ -446,7 +446,7 @@ FIGURES = (
         "misfit",
         _statistics,
         "Statistics of the residuals against those of data simulated from the fitted base model. "
-        "Filled marks would be rare even as the most remarkable of all."
+        "Filled marks are significant after adjustment for all statistics."
         "{% for row in found %} {{ row.statistic | capitalize }} "
         "{{ (row.value | number ~ ' ' ~ row.unit).removesuffix(' –') | unbroken }}: "
         "{{ row.reading }}.{% endfor %}",
@@ -456,8 +456,8 @@ FIGURES = (
         "loo-pit",
         "gain",
         _loo_pit,
-        "Where held-out readings lie in their predictions. A curve inside the band is as it should "
-        "be; above zero, readings are lower than predicted."
+        "Where held-out readings lie in their predictions. A curve inside the band is as expected; "
+        "above zero, readings are lower than predicted."
         "{% for model, sentence in said.items() %} {{ model | model | capitalize }}: "
         "{{ sentence }}{% endfor %}",
         ("loo_pit",),

@@ -1,4 +1,4 @@
-"""Figures of the actuator: curvature bands, residuals, rupture, elongation, misfit of chance."""
+"""Figures of the actuator: curvature bands, residuals, rupture, elongation, null misfit."""
 
 from collections.abc import Sequence
 
@@ -49,7 +49,7 @@ def bands_figure(
     *,
     degrades: bool = True,
 ) -> Figure:
-    """Draw the curvature bands with the measured readings, a panel a degradation rate.
+    """Draw the curvature bands with the measured readings, one panel per degradation rate.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def rupture_figure(
     *,
     degrades: bool = True,
 ) -> Figure:
-    """Draw the probability of rupture against pressure, a curve a degradation rate.
+    """Draw the probability of rupture against pressure, one curve per degradation rate.
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ def _draw_counts(
 
 
 def share_interval(burst: float, tested: float) -> tuple[float, float]:
-    """Return the 90 % interval of a share of which so many of so many were seen.
+    """Return the 90 % interval of a binomial share.
 
-    That of Jeffreys, with an end at 0 or 1 where none or all burst.
+    That of Jeffreys, with an end at 0 or 1 if none or all burst.
 
     References
     ----------
@@ -168,9 +168,9 @@ def share_interval(burst: float, tested: float) -> tuple[float, float]:
 
 @styled
 def elongation_figure(elongation: pd.DataFrame, *, degrades: bool = True) -> Figure:
-    """Draw the elongation limit against the degradation rate, with what was measured.
+    """Draw the elongation limit against the degradation rate, with measurements.
 
-    Where nothing degrades all is at one place of an axis without a label.
+    If nothing degrades, there is one position on an axis without a label.
     """
     figure, axes = single()
     limit = elongation[elongation["kind"] == "band"].sort_values("degradation_pct")
@@ -223,7 +223,7 @@ def _draw_measured(
 
 
 def _draw_means(axes: Axes, chosen: pd.DataFrame, colour: str) -> None:
-    """Draw what a model says of the measured specimens themselves."""
+    """Draw a model's predictions for the measured specimens."""
     for _, curve in chosen.groupby(["specimen_id", "branch", "cycle"], sort=False, dropna=False):
         axes.plot(
             curve["pressure_kPa"],
@@ -248,7 +248,7 @@ def residual_figure(
     specimens: Sequence[str] = (),
     degrades: bool = True,
 ) -> Figure:
-    """Draw measured less predicted curvature against pressure, a panel a degradation rate.
+    """Draw curvature residuals against pressure, one panel per degradation rate.
 
     Unloading is dashed with hollow marks, later cycles have squares.
 
@@ -261,7 +261,7 @@ def residual_figure(
     noise_per_m : float, optional
         Standard deviation of the noise, drawn as a band about zero [1/m].
     specimens : sequence of str, optional
-        Those in which most of the misfit sits: drawn thick, with their names.
+        Specimens with most of the misfit: drawn thick, with their names.
     degrades : bool
         Whether anything of the study does, so that panels say of which rate they are.
     """
@@ -461,12 +461,12 @@ FIGURES = (
         "rupture",
         _rupture,
         "Probability that the actuator bursts up to a pressure, with its 90 % interval."
-        "{% if beyond %} Dashed: above the {{ tested | number }} kPa that were tested, up to where "
-        "the forward map has no answer any more.{% endif %}"
+        "{% if beyond %} Dashed: above the {{ tested | number }} kPa that were tested, up to the "
+        "end of the forward map's range.{% endif %}"
         "{% if counts %} Points: shares that burst, with 90 % intervals, filled if published, "
         "moved apart along the pressure.{% endif %}"
         "{% if checks %} Less than 1 in {{ checks | count }}, the films broken and actuators "
-        "loaded, is drawn as that.{% endif %}",
+        "loaded, is drawn as that bound.{% endif %}",
         ("rupture",),
         half=True,
     ),

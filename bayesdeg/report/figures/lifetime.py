@@ -38,19 +38,19 @@ def lifetime_figure(lifetime: pd.DataFrame) -> Figure:
     failing.plot(time, table["failed_probability"], color=FINAL_COLOUR)
     failing.plot(time, table["burst_probability"], color=BASE_COLOUR, linestyle="--")
     failing.set_ylim(-0.02, 1.02)
-    failing.set_ylabel("probability by then")
+    failing.set_ylabel("cumulative probability")
     _banded(bending, table, "_per_m", table["wanted_per_m"])
     bending.set_ylabel(axis_label("curvature_per_m"))
     _banded(keeping, table, "_kPa", table["allowed_kPa"], prefix="needed_")
     keeping.set_ylabel(axis_label("pressure_kPa"))
-    titles = ("failed", "bends at that pressure", "needs for the curvature")
+    titles = ("failed", "curvature at that pressure", "needed for the curvature")
     for axes, title in zip((failing, bending, keeping), titles, strict=True):
         axes.set_title(title)
         axes.set_xlabel(axis_label("time_h"))
     entries = {
         "median or probability, 90 % band": key(FINAL_COLOUR),
         "burst": key(BASE_COLOUR, dashed=True),
-        "asked, or allowed": key(INK, dashed=True),
+        "wanted, or allowed": key(INK, dashed=True),
     }
     legend_above(figure, entries)
     return figure
@@ -90,11 +90,11 @@ FIGURES = (
         "a curvature of {{ wanted_per_m | number }} 1/m at {{ pressure_kPa | number }} kPa. Left: "
         "probability of having failed, that is of bending less or having burst"
         "{% if checks %}; less than 1 in {{ checks | count }}, the films broken and actuators "
-        "loaded, is drawn as that{% endif %}. Middle: curvature at that "
+        "loaded, is drawn as that bound{% endif %}. Middle: curvature at that "
         "pressure. Right: the pressure that keeps the curvature, and the largest that was tested "
         "and that a risk of {{ '%g' | format(risk) }} allows. "
         "{% if half is not none %}Half of new actuators have failed after {{ half | number }} h."
-        "{% endif %} `bayesdeg lifetime` asks for other duties.",
+        "{% endif %} Use `bayesdeg lifetime` for other duties.",
         ("lifetime",),
         title="Life in the soil",
     ),

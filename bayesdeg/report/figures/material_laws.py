@@ -40,7 +40,7 @@ DASHES: tuple[Dashes, ...] = (
     (0.0, (6.0, 1.5, 1.0, 1.5)),
     (0.0, (6.0, 1.0, 1.0, 1.0, 1.0, 1.0)),
 )
-"""Of the laws, in the order of `FORMS`: they are told apart without their colours."""
+"""Line styles of the laws, in the order of `FORMS`, distinguishable without colours."""
 POINTS = 80  # of a curve
 
 

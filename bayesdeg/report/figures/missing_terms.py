@@ -25,7 +25,8 @@ FIGURES = (
         "missing-terms",
         "misfit",
         _missing_terms,
-        "What the model leaves, fitted beside what would remove it: {{ terms | join(' and ') }}.",
+        "Residuals of the model, fitted jointly with the terms that would remove them: "
+        "{{ terms | join(' and ') }}.",
         ("missing_terms_readings", "missing_terms"),
     ),
 )

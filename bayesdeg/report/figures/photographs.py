@@ -137,9 +137,9 @@ FIGURES = (
         "photographs",
         "curvature",
         _photographs,
-        "Photographs of actuators with the line that was traced and those that are predicted"
-        "{{ ' before and after the cause' if both }}. A predicted line leaves the clamp as the "
-        "traced one does, is as long, bends by the curvature that the model predicts of that "
+        "Photographs of actuators with the traced and the predicted lines"
+        "{{ ' before and after the cause' if both }}. A predicted line starts and is as long "
+        "as the traced one, bends by the predicted curvature of that "
         "reading, and has the shape of the finite element model between its ends. Curvatures: "
         "{{ panels | join('; ') }}."
         "{% if refused %} Of {{ count }} photographs {{ refused }} {{ 'was' if refused == 1 else "

@@ -135,15 +135,15 @@ FIGURES = (
         "curvature",
         _sketch(readings_figure),
         "Readings of {{ kinds | join(' and ') }}, what both models predict on average, and the "
-        "band in which the final model expects the reading of another specimen in the same test, "
-        "with its error.",
+        "band in which the final model expects a reading of a new specimen in the same test, "
+        "including its error.",
         ("fitted",),
     ),
     PageFigure(
         "reading-residuals",
         "misfit",
         _sketch(residuals_figure),
-        "Readings of {{ kinds | join(' and ') }} less what the models predict on average. If a "
+        "Readings of {{ kinds | join(' and ') }} less the mean predictions of the models. If a "
         "model is right, they scatter about zero.",
         ("fitted",),
     ),

@@ -29,9 +29,9 @@ WORDS: Final = {
     "dimensions": "dimensions of the actuator",
     "causes": "causes",
     "emulator": "error of the emulator",
-    "reading": "errors of reading",
+    "reading": "reading errors",
 }
-"""Sources in words, in the order in which they are stacked."""
+"""Sources in words, in stacking order."""
 
 LARGEST = 3  # sources that the caption names
 
@@ -114,14 +114,14 @@ FIGURES = (
         "shares",
         "curvature",
         _shares,
-        "Shares of the variance of a curvature read on a new actuator, by what is uncertain: a bar "
+        "Shares of the variance of a curvature read on a new actuator, by source: a bar "
         "for each {% if degrades %}degradation rate, a panel for each pressure. At "
         "{{ level | level }} and {% else %}pressure. At {% endif %}"
         "{{ pressure | number }} kPa its standard deviation is {{ sd | number(2) }} 1/m; the "
         "largest shares are {% for name, share in largest %}{{ ', ' if not loop.first }}{{ name }} "
-        "({{ share | percent }}){% endfor %}. Parameters that the posterior ties together share "
-        "what they have in common evenly (Shapley effects), so that shares add up to 1.",
+        "({{ share | percent }}){% endfor %}. Correlated parameters split their "
+        "common part evenly (Shapley effects), so that shares add up to 1.",
         ("shares",),
-        title="What the uncertainty is made of",
+        title="Sources of uncertainty",
     ),
 )

@@ -71,9 +71,9 @@ FIGURES = (
         "suspects",
         "data",
         _suspects,
-        "Curvature against pressure of specimens of which readings were set aside, with those of "
+        "Curvature against pressure of specimens with readings set aside, and others of "
         "the same degradation rate: {{ count }} reading{{ 's' if count != 1 }} of "
-        "{{ names | listed }} took no part in calibration and verdict.",
+        "{{ names | listed }} excluded from calibration and verdict.",
         ("set_aside", "suspects"),
         title="Readings that were set aside",
     ),
