@@ -176,5 +176,5 @@ def test_next(run, fits):
 def test_a_verdict_is_of_its_own_model_alone(fits):
     base, verdict, final = fits
     for other in (final.model, bd.Model(base.model.data, emulator())):
-        with pytest.raises(bd.BayesdegError, match="another model"):
+        with pytest.raises(bd.BayesdegError, match="different model"):
             other.with_verdict(verdict)

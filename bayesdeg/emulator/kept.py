@@ -330,8 +330,8 @@ COARSE_RUNS, FINE_RUNS = 24, 4
 """Number of curves of an emulator for one study, on either mesh."""
 DEPARTING, DEPARTING_FINE = 12, 1
 """Number of them solved with each uncertain dimension moved either way, on either mesh. For a
-roof of 2 ± 0.2 mm eight coarse curves instead of twelve triple the held-out error, and a second fine one
-changes nothing."""
+roof of 2 ± 0.2 mm eight coarse curves instead of twelve triple the held-out error, and a second
+fine one changes nothing."""
 PAIRED = 6
 """Number of them solved with two dimensions moved by a step together, per pair."""
 # time of a curve of the default geometry on one core (studies/scaling.md) [s]
