@@ -1045,7 +1045,11 @@ def _uncertain(
     if not faults:
         wrong = next(filter(None, map(problems, corners(tuple(found)))), ())
         faults += [
-            fault(found[-1].name, f"conflicts with other dimensions: {one}", "give narrower laws")
+            fault(
+                found[-1].name,
+                f"conflicts with the other dimensions: {one}",
+                "give narrower laws",
+            )
             for one in wrong[:1]
         ]
     return tuple(found) if not faults else (), tuple(faults)
