@@ -166,12 +166,12 @@ class Dimensions:
 
     def _wrong_values(self) -> tuple[str, ...]:
         wrong = [
-            f"{entry.name} must be above 0, got {getattr(self, entry.name):g}"
+            f"{entry.name} must be above 0, not {getattr(self, entry.name):g}"
             for entry in fields(self)
             if entry.name not in ("chambers", "gap") and not getattr(self, entry.name) > 0.0
         ]
         wrong += [
-            f"{entry.name} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm, got {value:g}"
+            f"{entry.name} must be between {SMALLEST_MM:g} and {LARGEST_MM:g} mm, not {value:g}"
             for entry in fields(self)
             if entry.name != "chambers"
             and (value := getattr(self, entry.name)) > 0.0
@@ -179,10 +179,10 @@ class Dimensions:
         ]
         if not isinstance(self.chambers, int) or not 1 <= self.chambers <= MOST_CHAMBERS:
             wrong.append(
-                f"chambers must be a whole number from 1 to {MOST_CHAMBERS}, got {self.chambers}"
+                f"chambers must be a whole number from 1 to {MOST_CHAMBERS}, not {self.chambers}"
             )
         if not self.gap >= 0.0:
-            wrong.append(f"gap must not be negative, got {self.gap:g}")
+            wrong.append(f"gap must be at least 0, not {self.gap:g}")
         return tuple(wrong)
 
     def _wrong_sums(self) -> tuple[str, ...]:
@@ -1045,7 +1045,11 @@ def _uncertain(
     if not faults:
         wrong = next(filter(None, map(problems, corners(tuple(found)))), ())
         faults += [
-            fault(found[-1].name, f"conflicts with other dimensions: {one}", "give narrower laws")
+            fault(
+                found[-1].name,
+                f"conflicts with the other dimensions: {one}",
+                "give narrower laws",
+            )
             for one in wrong[:1]
         ]
     return tuple(found) if not faults else (), tuple(faults)

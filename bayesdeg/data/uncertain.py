@@ -58,7 +58,7 @@ class BoundedLaw(Law):
     def __post_init__(self) -> None:
         """Refuse bounds without probability between them."""
         if not self.low < self.high:
-            raise ValueError(f"low must be below high, got {self.low!r} and {self.high!r}")
+            raise ValueError(f"low must be below high, not {self.low!r} and {self.high!r}")
         first, last = self._ends
         if not last > first:
             raise ValueError(f"no probability between {self.low!r} and {self.high!r}")

@@ -239,7 +239,7 @@ def test_boundary_faces_close_the_body_and_point_inwards(element):
 
 def test_bricks_turned_inside_out_are_refused():
     body = box((3.0, 2.0, 1.0), divisions=(2, 1, 1))
-    with pytest.raises(ValueError, match="inside out"):
+    with pytest.raises(ValueError, match="inverted"):
         body.placed_at(body.nodes * [-1.0, 1.0, 1.0])
 
 

@@ -146,7 +146,7 @@ FAULTS = {
     "no cavity": (without("cavity"), "cavity"),
     "no tip": (without("tip"), "tip"),
     "a hole": (holed(), "hole"),
-    "inside out": (inverted(), "inside out"),
+    "inside out": (inverted(), "inverted"),
     "in micrometres": (scaled(1e3), "µm"),
     "in metres": (scaled(1e-3), "in m:"),
     "turned": (turned(), "clamp"),
@@ -208,7 +208,7 @@ def test_a_part_of_tetrahedra_is_simulated_and_is_a_study_again(command, monkeyp
 @pytest.mark.parametrize(
     ("stated", "word"),
     [
-        ('file = "other.msh"', "not there"),
+        ('file = "other.msh"', "does not exist"),
         ('file = "part.stl"', "known format"),
         ('file = "../part.msh"', "next to study.toml"),
         ("", "file ="),

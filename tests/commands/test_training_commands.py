@@ -293,14 +293,14 @@ def test_run_solves_further_curves_where_the_posterior_lies(here, command, pipel
     code, _, err = command("run", "study", "--workers", 1, "--out", "one")
     assert code == 0, err
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs
-    assert "further curves" not in err
+    assert "more curves" not in err
     for path in kept():
         path.unlink()
     monkeypatch.setattr(training, "TARGET_PCT", 0.0)
     monkeypatch.setattr(training, "REFINABLE_PCT", 0.0)
     code, _, err = command("run", "study", "--workers", 1, "--out", "two")
     assert code == 0, err
-    assert "further curves" in err
+    assert "more curves" in err
     more = training.MORE_COARSE + training.MORE_FINE
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + more
 

@@ -93,7 +93,7 @@ IMPOSSIBLE = {
     "mesh": (MESH, "mesh"),
     "twice": (f"[priors]\n'actuator.roof' = {COVER}\n{ROOF}", "actuator.roof"),
     "operator": (f"[reading]\noperator = 'circle'\n{ROOF}", "operator"),
-    "together": (LEVEL, "fall together"),
+    "together": (LEVEL, "merge"),
 }
 
 

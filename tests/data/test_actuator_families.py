@@ -100,7 +100,7 @@ def test_settings_are_written_as_they_are_read(text):
         (ELASTOMER.replace("0.8", "2e-4"), 1, "constraint", None, "0.0002 mm"),
         (ELASTOMER + "height = 1.8\n", 1, "constraint", None, "1.4 to 2.2"),
         (ELASTOMER + "C2 = -4.0\n", 1, "constraint", None, "C2 above"),
-        (ELASTOMER + "C3 = -4.0\n", 6, "constraint.C3", "-4.0", "not below 0"),
+        (ELASTOMER + "C3 = -4.0\n", 6, "constraint.C3", "-4.0", "from 0"),
         (ELASTOMER + "C4 = 1.0\n", 6, "constraint.C4", "1.0", "known key"),
         (ELASTOMER.replace("60.0", "0.0"), 5, "constraint.C1", "0.0", "above 0"),
         ("[constraint]\nC1 = 3.0\n", 2, "constraint.C1", "3.0", "elastomer"),
@@ -115,7 +115,7 @@ def test_settings_are_written_as_they_are_read(text):
             "thickness",
         ),
         ("[constraint]\nheight = 2.5\n", 1, "constraint", None, "0 to 2 mm"),
-        ("[constraint]\nheight = -1.0\n", 2, "constraint.height", "-1.0", "from 0"),
+        ("[constraint]\nheight = -1.0\n", 2, "constraint.height", "-1.0", "at least 0"),
         ('[constraint]\nkind = "steel"\n', 2, "constraint.kind", '"steel"', "paper, film"),
         (
             "[paper]\nthickness = 0.1\n[constraint]\nthickness = 0.2\n",

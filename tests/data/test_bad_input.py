@@ -263,7 +263,7 @@ SLIPS = {
         2,
         "degradation_sd_pct",
         "60",
-        "nothing is known",
+        "unknown rate",
     ),
     "unloading film": Slip(
         "tensile.csv",

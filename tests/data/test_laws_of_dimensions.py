@@ -139,7 +139,7 @@ REFUSED = [
         + f"pitch = {law('uniform', low=2.7, high=3.0)}\n"
         + f"length = {law('uniform', low=35.4, high=39.0)}",
         "actuator.pitch",
-        "together",
+        "conflicts",
         id="together",
     ),
 ]

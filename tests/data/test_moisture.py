@@ -151,9 +151,9 @@ def test_band_of_the_course_covers_the_truth_as_often_as_it_says() -> None:
 def test_rates_that_do_not_level_off_are_refused() -> None:
     time = np.array([0.0, 4.0, 8.0, 12.0])
     identity = np.diag([0.0, 1.0, 1.0, 1.0])
-    for rate, says in (([0.0, 1, 4, 16], "level off"), ([0.0, -4, -8, -12], "with time")):
+    for rate, says in (([0.0, 1, 4, 16], "level off"), ([0.0, -4, -8, -12], "rise with time")):
         films = FilmDegradation(time, np.array(rate), identity, np.full(4, 3), 20.0)
-        with pytest.raises(ValueError, match=f"do not rise {says}"):
+        with pytest.raises(ValueError, match=f"do not {says}"):
             fit_saturating_course(films)
     one = FilmDegradation(time[:2], time[:2], identity[:2, :2], np.full(2, 3), 20.0)
     with pytest.raises(ValueError, match="fewer than two"):

@@ -620,7 +620,7 @@ def test_an_angle_computed_from_the_curvature_is_told_with_its_length(length, sa
     assert (doubt.fault.column, doubt.impossible) == ("bend_angle_deg", False)
     assert f"{length:.1f} mm, " in str(doubt)
     assert says in str(doubt)
-    assert "curvature alone" in str(doubt)
+    assert "only the curvature" in str(doubt)
 
 
 def test_computed_angles_of_some_specimens_are_counted():

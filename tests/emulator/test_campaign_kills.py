@@ -149,7 +149,7 @@ def test_a_run_that_kills_its_workers_is_found_and_named(wanted, tmp_path):
     store = SolutionStore(tmp_path)
     executor = Fragile({wanted[2]})
     with (
-        pytest.warns(UserWarning, match="tried again"),
+        pytest.warns(UserWarning, match="retried"),
         pytest.raises(BayesdegError, match=f"run {wanted[2].key()[:12]}"),
     ):
         complete(wanted, store, executor=executor)

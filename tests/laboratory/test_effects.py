@@ -62,7 +62,7 @@ def test_parameters_of_one_cause_come_together():
         ("creep.time_constant=1e8", "far beyond"),
         ("pressure_loss=2", "pressure_loss.fraction: 2 is impossible"),
         ("stress_measure=0.4", "0.4 is impossible under either 0 or 1"),
-        ("", "there is no cause ''"),
+        ("", "unknown cause ''"),
     ],
 )
 def test_a_slip_is_told_with_what_would_be_right(text, message):

@@ -209,7 +209,9 @@ def test_points_and_curvatures_are_not_both_taken(tmp_path):
 
 def test_pixels_do_not_say_how_the_base_lies(tmp_path):
     settings = 'seed = 7\n[reading]\noperator = "base_tip"'
-    assert "the base lies" in faults(written(tmp_path, in_pixels(table([2.0])), settings))[0]
+    assert (
+        "orientation of the base" in faults(written(tmp_path, in_pixels(table([2.0])), settings))[0]
+    )
 
 
 def test_points_are_not_read_as_curves_of_kappa(tmp_path):
@@ -220,4 +222,4 @@ def test_points_are_not_read_as_curves_of_kappa(tmp_path):
 def test_points_of_another_actuator_are_refused(tmp_path):
     settings = "seed = 7\n[actuator]\nlength = 60"
     folder = written(tmp_path, table([2.0]), settings)
-    assert "default actuator alone" in faults(folder)[0]
+    assert "default actuator only" in faults(folder)[0]

@@ -100,7 +100,7 @@ def test_what_holds_no_line_is_refused_in_one_line(content):
 def test_a_set_of_very_many_regions_is_not_read(monkeypatch):
     monkeypatch.setattr(lines, "MOST_REGIONS", 3)
     many = archive({f"{i}.roi": region() for i in range(4)})
-    with pytest.raises(BayesdegError, match="claims more"):
+    with pytest.raises(BayesdegError, match="claims too many"):
         parse_lines("RoiSet.zip", many)
 
 

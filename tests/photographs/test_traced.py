@@ -192,8 +192,8 @@ def animated():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: b"specimen_id,pressure_kPa\n", "no picture"),
-        (lambda: b"", "no picture"),
+        (lambda: b"specimen_id,pressure_kPa\n", "not a picture"),
+        (lambda: b"", "not a picture"),
         (lambda: encoded("I;16", "PNG"), "8 bits"),
         (lambda: encoded("CMYK", "JPEG", (0, 0, 0, 0)), "CMYK"),
         (animated, "several frames"),
@@ -235,7 +235,7 @@ def test_the_command_writes_tables_and_a_picture_and_leaves_photographs_alone(tm
     folder, out = tmp_path / "photos", tmp_path / "out"
     folder.mkdir()
     (folder / "a.png").write_bytes(saved(bent.image))
-    (folder / "b.png").write_bytes(b"no picture")
+    (folder / "b.png").write_bytes(b"not a picture")
     about = tmp_path / "photos.csv"
     about.write_text(
         "file,specimen_id,pressure_kPa,degradation_pct\na.png,S1,120,5\nb.png,S2,120,5\n"
