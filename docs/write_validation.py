@@ -15,9 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parents[1]
-BENCHMARKS, REPORTS = ROOT / "benchmarks", ROOT / "docs" / "reports"
-sys.path.append(str(BENCHMARKS))  # scripts, no package
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package
 
 import rupture
 import scored_methods
@@ -26,6 +24,8 @@ from hidden_summary import summary_of_record
 
 from bayesdeg.laboratory.score import score, wilson
 
+ROOT = Path(__file__).resolve().parents[1]
+BENCHMARKS, REPORTS = ROOT / "benchmarks", ROOT / "docs" / "reports"
 PAGES = {"claims": ROOT / "docs" / "validation.md", "rates": ROOT / "README.md"}
 UNKNOWN = "not known"
 NORMAL_95 = 1.96  # half of a 95 % interval, in standard errors
@@ -205,12 +205,16 @@ def _git(*words: str) -> str:
 def tables() -> dict[str, str]:
     """Return the tables of both pages by name."""
     ages: dict[Path, str] = {}
-    rows = [("claim", "figure (95 % interval)", "n", "command", "record changed")]
+    rows: list[tuple[str, ...]] = [
+        ("claim", "figure (95 % interval)", "n", "command", "record changed")
+    ]
     for one in claims():
         ages.setdefault(one.record, age(one.record))
         rows.append((one.text, one.figure, str(one.n), f"`{one.command}`", ages[one.record]))
     figures = _summary(BENCHMARKS / "hidden_effects.jsonl")
-    rates = [("virtual studies with hidden effects", "of", "share (95 % interval)")]
+    rates: list[tuple[str, ...]] = [
+        ("virtual studies with hidden effects", "of", "share (95 % interval)")
+    ]
     rates += [(text, str(figures[of]), _share(figures[k], figures[of])) for text, k, of in RATES]
     return {"claims": _markdown(rows), "rates": _markdown(rates)}
 
@@ -229,11 +233,10 @@ def main() -> None:
     """Write both tables into their pages."""
     for name, table in tables().items():
         text = PAGES[name].read_text(encoding="utf-8")
-        written, found = block(name).subn(lambda m, table=table: m[1] + table + m[3], text)
-        if found != 1:
-            raise SystemExit(
-                f"{PAGES[name].name}: one block `<!-- {name} -->` is needed, not {found}"
-            )
+        found = block(name).search(text)
+        if found is None:
+            raise SystemExit(f"{PAGES[name].name}: add a block `<!-- {name} -->`")
+        written = text[: found.start(2)] + table + text[found.end(2) :]
         PAGES[name].write_text(written, encoding="utf-8")
 
 
