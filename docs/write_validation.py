@@ -220,8 +220,8 @@ def tables() -> dict[str, str]:
 
 
 def _markdown(rows: list[tuple[str, ...]]) -> str:
-    lines = [rows[0], ("---",) * len(rows[0]), *rows[1:]]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    lines = ["| " + " | ".join(line) + " |" for line in rows]
+    return "\n".join([lines[0], "|---" * len(rows[0]) + "|", *lines[1:]])
 
 
 def block(name: str) -> re.Pattern[str]:

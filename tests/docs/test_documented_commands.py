@@ -19,10 +19,11 @@ from bayesdeg import cli
 from bayesdeg.commands.interface import COMMANDS, Command
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Programs without options, which would run: two that write tables, and two whole studies.
+#: Programs without options, which would run: tables, schemas, and two whole studies.
 WITHOUT_OPTIONS = {
     "benchmarks/structure.py",
     "docs/publish_reports.py",
+    "docs/write_schemas.py",
     "docs/write_validation.py",
 }
 NAMES = {"FOLDER/cycle": "studies/gelatin_actuator", "FOLDER": "out", "NAME": "long"}
