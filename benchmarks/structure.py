@@ -11,6 +11,9 @@ classes_named_alike          public classes of one name
 public_names                 of ``bayesdeg`` itself
 readme_bytes                 of README.md
 pinned_sentences             checks in tests in which a sentence stands
+words                        of pages written by hand: README, contributing, changelog, docs; of
+                             validation and changelog by themselves
+longest                      words of the longest paragraph and of the largest table cell, with page
 
     uv run python benchmarks/structure.py
 """
@@ -19,6 +22,7 @@ import ast
 import inspect
 import io
 import json
+import re
 import runpy
 import sys
 import tokenize
@@ -126,6 +130,48 @@ def modules_run_by_a_study() -> dict[str, int]:
     return {"read": read, "assemble": assembled, "log_prob": density, "curvature": curvature}
 
 
+def pages() -> dict[str, str]:
+    """Return the pages that are written by hand, by their paths."""
+    found = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+    found += sorted((ROOT / "docs").rglob("*.md"))
+    return {
+        path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+        for path in found
+        if not {"generated", "_build"} & set(path.parts)
+    }
+
+
+def paragraphs(page: str) -> Iterator[str]:
+    """Yield paragraphs and list items of a page, without code, formulas, tables and headings."""
+    text = re.sub(r"```.*?```|\$\$.*?\$\$", "\n\n", page, flags=re.DOTALL)
+    text = re.sub(r"^(\||#).*$", "", text, flags=re.MULTILINE)
+    yield from re.split(r"\n\s*\n|\n\s*(?:[-*]|\d+\.) ", text)
+
+
+def cells(page: str) -> Iterator[str]:
+    """Yield the cells of the tables of a page."""
+    for line in re.findall(r"^\|(.*)\|$", page, flags=re.MULTILINE):
+        yield from re.split(r"(?<!\\)\|", line)
+
+
+def measured_pages() -> dict[str, object]:
+    """Return how many words pages have, and where the longest paragraph and cell stand."""
+    texts = pages()
+    words = {name: len(text.split()) for name, text in texts.items()}
+
+    def longest(parts: Callable[[str], Iterator[str]]) -> tuple[int, str]:
+        return max((len(one.split()), n) for n, text in texts.items() for one in parts(text))
+
+    return {
+        "words": {
+            "all": sum(words.values()),
+            "validation": words["docs/validation.md"],
+            "changelog": words["CHANGELOG.md"],
+        },
+        "longest": {"paragraph": longest(paragraphs), "cell": longest(cells)},
+    }
+
+
 def measured() -> dict[str, object]:
     judging = ("bayesdeg.inference", "bayesdeg.criticism", "bayesdeg.pipeline")
     judged = [line for n in SOURCES if n.startswith(judging) for line in SOURCES[n].splitlines()]
@@ -144,6 +190,7 @@ def measured() -> dict[str, object]:
         "public_names": len(bayesdeg.__all__),
         "readme_bytes": (ROOT / "README.md").stat().st_size,
         "pinned_sentences": sum(len(list(rules["pins"](tree))) for tree in tests),
+        **measured_pages(),
     }
 
 

@@ -343,21 +343,49 @@ def _cause(page) -> str:
 
 
 def validation_pages(figures: Path) -> dict[str, str]:
-    """Return what recorded benchmarks say, to be included by the page on validation."""
+    """Return the page of recorded results in full; copy its figures beside it."""
     figures.mkdir(parents=True, exist_ok=True)
     for name in ("calibration.svg", "rupture.svg"):
         shutil.copy(BENCHMARKS / name, figures / name)
-    records = {
-        name: BENCHMARKS / f"{name}.jsonl" for name in ("hidden_effects", "hidden_by_physics")
-    }
-    published = "\n".join(_published(folder) for folder in sorted(REPORTS.iterdir()))
-    return {
-        **{
-            f"validation/{name}.inc": facts.tables_of_hidden_effects(record)
-            for name, record in records.items()
-        },
-        "validation/reports.inc": published,
-    }
+    parts = ["# Recorded results in full\n", _DETAILS]
+    parts += [_published(folder) for folder in sorted(REPORTS.iterdir())]
+    for name, title in HIDDEN.items():
+        tables = facts.tables_of_hidden_effects(BENCHMARKS / f"{name}.jsonl")
+        parts.append(f"\n## {title}\n\n{tables}\n")
+    parts.append(
+        f"## Methods compared\n\n{facts.tables_of_scored_methods(BENCHMARKS / 'scored')}\n"
+    )
+    parts.append(_FIGURES)
+    return {"validation/details.md": "\n".join(parts)}
+
+
+HIDDEN = {
+    "hidden_effects": "Hidden effects",
+    "hidden_by_physics": "Effects planted by separate physics",
+    "other_actuators": "Effects in other actuators",
+}
+_DETAILS = """\
+Tables of the files that [validation](../../validation.md) summarises, made when these pages are
+built. A size in sd is the change of the readings in standard deviations of scatter and noise, after
+all other parameters are fitted again.
+
+## Published reports
+"""
+_FIGURES = """\
+## Figures
+
+```{figure} calibration.svg
+:alt: ranks and coverage of simulation-based calibration
+
+Simulation-based calibration, drawn by `benchmarks/calibration.py`.
+```
+
+```{figure} rupture.svg
+:alt: predicted against observed rupture, and places of ruptures in their predicted laws
+
+Rupture, drawn by `benchmarks/rupture.py --figure`. Error bars are over studies.
+```
+"""
 
 
 def _published(folder: Path) -> str:
@@ -371,7 +399,7 @@ def _published(folder: Path) -> str:
         if candidate["cause"] in verdict["causes"]
         for short, size in candidate["effect"].items()
     ]
-    link = f'<a href="reports/{folder.name}/index.html">{run["title"]}</a>'
+    link = f'<a href="../../reports/{folder.name}/index.html">{run["title"]}</a>'
     virtual = "virtual experiment; " if run["virtual"] else ""
     return f"- {link}: {virtual}`{verdict['outcome']}` {named}, {'; '.join(effects)}"
 

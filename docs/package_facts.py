@@ -37,6 +37,7 @@ from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.experiment import Design, run_experiment
+from bayesdeg.laboratory.score import score
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.observations.catalogue import TABLES as STUDY_TABLES
 from bayesdeg.pipeline.assemble import assemble
@@ -47,6 +48,7 @@ from bayesdeg.report.tables import TABLES as RUN_TABLES
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package
 
+import scored_methods
 from hidden_record import read_record
 from hidden_summary import summary_of_record
 from hidden_tables import markdown
@@ -260,6 +262,13 @@ def tables_of_hidden_effects(record: Path) -> str:
     """Return what recorded verdicts on hidden effects come to, as tables in Markdown."""
     studies = sorted(read_record(record).values(), key=lambda one: one["number"])
     return markdown(summary_of_record(studies))
+
+
+def tables_of_scored_methods(folder: Path) -> str:
+    """Return the scores of the methods of a recorded benchmark, as tables in Markdown."""
+    truths, answers = scored_methods.recorded(folder)
+    scores = {method: score(given, truths, method) for method, given in answers.items()}
+    return scored_methods.markdown(scores)
 
 
 @dataclass(frozen=True)

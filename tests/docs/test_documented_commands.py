@@ -19,8 +19,13 @@ from bayesdeg import cli
 from bayesdeg.commands.interface import COMMANDS, Command
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Programs without options, which would run: a table of the package, and two whole studies.
-WITHOUT_OPTIONS = {"benchmarks/structure.py", "docs/publish_reports.py"}
+#: Programs without options, which would run: tables, schemas, and two whole studies.
+WITHOUT_OPTIONS = {
+    "benchmarks/structure.py",
+    "docs/publish_reports.py",
+    "docs/write_schemas.py",
+    "docs/write_validation.py",
+}
 NAMES = {"FOLDER/cycle": "studies/gelatin_actuator", "FOLDER": "out", "NAME": "long"}
 SMALLEST = (
     "benchmarks/verdict_studies.py --out OUT cycle",
