@@ -102,7 +102,7 @@ _VERBS_AND_PACKAGES = ("emulator", "report")
 """Functions with the same name as a subpackage, which Python binds to that name on import."""
 
 
-class _Verb(ModuleType):
+class _CallableSubpackage(ModuleType):
     """A subpackage that can also be called: calling it calls the public function of that name."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -119,13 +119,13 @@ def _verb(package: ModuleType) -> Any:
     return getattr(importlib.import_module("bayesdeg.api"), package.__name__.split(".")[-1])
 
 
-class _Door(ModuleType):
+class _Package(ModuleType):
     """The package itself; subpackages with the name of a public function become callable."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in _VERBS_AND_PACKAGES and type(value) is ModuleType:
-            value.__class__ = _Verb
+            value.__class__ = _CallableSubpackage
         super().__setattr__(name, value)
 
 
-sys.modules[__name__].__class__ = _Door
+sys.modules[__name__].__class__ = _Package

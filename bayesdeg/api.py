@@ -26,7 +26,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
 from bayesdeg.criticism.holdout.gain import gain_table
-from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
+from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
 from bayesdeg.data.settings import AnyDimensions
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.kept import CACHE, duration, refuse_whole_range, rough_seconds
@@ -52,7 +52,7 @@ from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.soil import Level
 from bayesdeg.quantities import EFFORTS, Effort
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict, write_run
-from bayesdeg.training import STORE, Manner, emulator_for, refuse_cells
+from bayesdeg.training import STORE, TrainingOptions, emulator_for, refuse_cells
 
 Floats = NDArray[np.float64]
 Causes = Literal["all"] | str | Iterable[Cause | str]
@@ -107,7 +107,9 @@ def emulator(
     wanted = can_show_bars() if progress is None else progress
     if backend not in list(Backend):
         raise BayesdegError(f"unknown backend {backend!r}; {use_one_of(str(backend), Backend)}")
-    manner = Manner(yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend))
+    manner = TrainingOptions(
+        yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend)
+    )
     if isinstance(geometry, Study) and geometry.actuator is not None:
         refuse_cells(geometry.settings, manner.backend)
         with _work(False, workers, parallel=True) as (
@@ -124,7 +126,7 @@ def emulator(
 
 
 def _of_whole_range(
-    shape: Moulded, manner: Manner, workers: int | None, progress: bool | None
+    shape: Moulded, manner: TrainingOptions, workers: int | None, progress: bool | None
 ) -> Surrogate:
     """Return an emulator of the whole range; train it if there is none."""
     refuse_whole_range(shape)
@@ -309,7 +311,7 @@ def compare(
             raise BayesdegError("models that are compared must have the same readings")
         number = _seed(seed, base.seed)
         plans = (one_by_one(trial, experiment.folds(number)) for trial in trials)
-        found = carried_out(plans, executor, lambda _: show.advance(1))
+        found = run_folds(plans, executor, lambda _: show.advance(1))
     return experiment.tidy(gain_table(subject, dict(zip(fits, found, strict=True))))
 
 

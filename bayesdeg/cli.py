@@ -139,18 +139,18 @@ def exit_code() -> int:
         if fault.errno == errno.ENAMETOOLONG:
             return _say(f"{str(fault.filename)[:60]}… is too long for a name; give a shorter one")
         if not no_room(fault):
-            return _our_fault()
+            return _report_bug()
         place = f" for {fault.filename}" if fault.filename else ""
         _say(f"no space left{place} ({reason(fault)}); free some space and repeat the command")
         return STOPPED
     except Exception as fault:
         if hasattr(fault, "format_message") and hasattr(fault, "exit_code"):  # click's usage errors
             return _say(fault.format_message())
-        return _our_fault()
+        return _report_bug()
     return ended if isinstance(ended, int) else DONE  # the code of a `typer.Exit`
 
 
-def _our_fault() -> int:
+def _report_bug() -> int:
     """Print the current exception for the user to send to us."""
     traceback.print_exc()
     errors.print(f"This is a fault in bayesdeg {bayesdeg.__version__}: please send us the above.")

@@ -20,7 +20,7 @@ _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 @runtime_checkable
-class Law(Protocol):
+class Distribution(Protocol):
     """A univariate probability distribution, vectorised over its arguments.
 
     The maps to and from the unconstrained scale follow from the support: x = z where it is the
@@ -116,7 +116,7 @@ def normal_log_density(
 
 
 @dataclass(frozen=True)
-class Normal(Law):
+class Normal(Distribution):
     """Normal law of given mean and standard deviation.
 
     Examples
@@ -149,7 +149,7 @@ class Normal(Law):
 
 
 @dataclass(frozen=True)
-class StudentT(Law):
+class StudentT(Distribution):
     """Student's t law with dof > 2; `sd` is its standard deviation, not its scale."""
 
     mean: float
@@ -197,7 +197,7 @@ PLAINLY_NEAR, PLAINLY_WIDE = 30.0, 1e-9
 
 
 @dataclass(frozen=True)
-class TruncatedNormal(Law):
+class TruncatedNormal(Distribution):
     """Normal law of given mean and standard deviation before truncation to low ≤ x ≤ high.
 
     It stays on the linear scale deliberately: the neutral value of a cause often lies on its bound,
@@ -283,8 +283,8 @@ class TruncatedNormal(Law):
 
 
 @dataclass(frozen=True)
-class LogNormal(Law):
-    """Law of x > 0 whose logarithm is normal about log(median), with standard deviation sigma."""
+class LogNormal(Distribution):
+    """Distribution of x > 0 with log x normal about log(median), standard deviation sigma."""
 
     median: float
     sigma: float
@@ -314,8 +314,8 @@ class LogNormal(Law):
 
 
 @dataclass(frozen=True)
-class HalfNormal(Law):
-    """Law of |y| where y is normal with mean zero and standard deviation sd; log transform."""
+class HalfNormal(Distribution):
+    """Distribution of |y| with y normal, mean zero and standard deviation sd; log transform."""
 
     sd: float
 
@@ -340,8 +340,8 @@ class HalfNormal(Law):
 
 
 @dataclass(frozen=True)
-class HalfCauchy(Law):
-    """Law of |y| where y is Cauchy about zero; `scale` is its median; log transform."""
+class HalfCauchy(Distribution):
+    """Distribution of |y| where y is Cauchy about zero; `scale` is its median; log transform."""
 
     scale: float
 
@@ -367,7 +367,7 @@ class HalfCauchy(Law):
 
 
 @dataclass(frozen=True)
-class Uniform(Law):
+class Uniform(Distribution):
     """Uniform law between low and high; logit transform."""
 
     low: float
@@ -397,7 +397,7 @@ class Uniform(Law):
 
 
 @dataclass(frozen=True)
-class Choice(Law):
+class Choice(Distribution):
     """One of two states: the parameter has the state, or its neutral value without its cause.
 
     Its evidence compares a model with the state to one without. A sampler needs a density: the
@@ -469,7 +469,7 @@ class Choice(Law):
 
 
 @dataclass(frozen=True)
-class Flat(Law):
+class Flat(Distribution):
     """Density 1 between low and high, of which at least one is infinite: an improper prior.
 
     It sets a bound and leaves the rest to the likelihood, like an undeclared prior in Stan.
@@ -539,10 +539,10 @@ class Flat(Law):
 __all__ = [
     "LAWS",
     "Choice",
+    "Distribution",
     "FloatArray",
     "HalfCauchy",
     "HalfNormal",
-    "Law",
     "LogNormal",
     "Normal",
     "Parameter",
@@ -584,7 +584,7 @@ class Parameter:
     ----------
     name : str
         Name used by sampler, report and study file.
-    law : Law
+    law : Distribution
         Prior law.
     unit : str
         Unit of its values; an en dash, the default, if it has none.
@@ -607,7 +607,7 @@ class Parameter:
     """
 
     name: str
-    law: Law
+    law: Distribution
     unit: str = "–"
     meaning: str = ""
     neutral: float | None = None
@@ -626,7 +626,7 @@ class Parameter:
             )
 
 
-def law_from_mapping(mapping: Mapping[str, object]) -> Law:
+def law_from_mapping(mapping: Mapping[str, object]) -> Distribution:
     """Return the law described by a table of a study file.
 
     Parameters
@@ -636,7 +636,7 @@ def law_from_mapping(mapping: Mapping[str, object]) -> Law:
 
     Returns
     -------
-    Law
+    Distribution
 
     Raises
     ------
@@ -689,7 +689,7 @@ def _number(value: object, key: str) -> float:
 class _Together(NamedTuple):
     """A law for several columns of vectors: one law, or laws of a class with array arguments."""
 
-    law: Law
+    law: Distribution
     columns: list[int]
 
 
@@ -697,7 +697,7 @@ _STACKED = (Normal, TruncatedNormal, LogNormal, HalfNormal)
 """Laws that accept array arguments, as their scale depends only on their class."""
 
 
-def _together(laws: Sequence[Law]) -> tuple[_Together, ...]:
+def _together(laws: Sequence[Distribution]) -> tuple[_Together, ...]:
     """Combine laws of a class: numpy's call overhead exceeds their computation."""
     columns: dict[object, list[int]] = {}
     for i, law in enumerate(laws):
@@ -705,7 +705,7 @@ def _together(laws: Sequence[Law]) -> tuple[_Together, ...]:
     return tuple(_Together(_stack([laws[i] for i in of]), of) for of in columns.values())
 
 
-def _stack(laws: Sequence[Law]) -> Law:
+def _stack(laws: Sequence[Distribution]) -> Distribution:
     first = laws[0]
     if len(laws) == 1 or not isinstance(first, _STACKED):
         return first
@@ -831,13 +831,13 @@ def with_least(
 
 
 def with_priors(
-    parameters: Iterable[Parameter], priors: Mapping[str, Law]
+    parameters: Iterable[Parameter], priors: Mapping[str, Distribution]
 ) -> tuple[Parameter, ...]:
     """Return parameters with the priors given by a study."""
     return tuple(replace(p, law=priors.get(p.name, p.law)) for p in parameters)
 
 
-def check_priors(priors: Mapping[str, Law], known: Iterable[str]) -> None:
+def check_priors(priors: Mapping[str, Distribution], known: Iterable[str]) -> None:
     """Raise StudyError for priors of parameters that do not exist.
 
     Raises

@@ -18,7 +18,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.experiment import ModelledExperiment, of_final
-from bayesdeg.pipeline.formula import Forward, OwnMap, Readings
+from bayesdeg.pipeline.formula import Forward, Readings, UserMap
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.progress import Progress
@@ -117,7 +117,7 @@ class Model:
             experiment = ModelledExperiment.of(self.data, forward, self.causes)
         else:
             own = cast(Forward | Mapping[str, Forward] | None, self.forward)
-            readings = OwnMap.of(self.data, own)
+            readings = UserMap.of(self.data, own)
             experiment = ModelledExperiment.of_readings(
                 readings, self.parameters, self.catalogue, self.causes
             )

@@ -16,7 +16,7 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.console import errors, shown
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import Dimensions, Settings
@@ -49,15 +49,15 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import (
     asked_for,
     covering,
+    ended_with_refinement,
     find,
-    is_fitted_as_now,
+    is_current_fit,
     is_refined,
     lacking,
     not_refined,
     read_trained,
     refuse_lacking,
     surrogate_for,
-    went_to_its_end,
     write_trained,
 )
 from bayesdeg.errors import BayesdegError, Stopped
@@ -92,7 +92,7 @@ LOCAL = local_recipe
 
 
 @dataclass(frozen=True)
-class Manner:
+class TrainingOptions:
     """Settings for training.
 
     Parameters
@@ -126,7 +126,7 @@ class Manner:
 
 
 def emulator_for(
-    study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
+    study: Study, given: Path | None, *, manner: TrainingOptions, executor: Executor | None
 ) -> Surrogate | None:
     """Return the emulator of a study's geometry; train it if there is none, and refine it.
 
@@ -136,7 +136,7 @@ def emulator_for(
         Without actuator readings none is needed.
     given : Path, optional
         A file made by ``bayesdeg emulate``.
-    manner : Manner
+    manner : TrainingOptions
         Settings for training.
     executor : Executor, optional
         Runs the solutions.
@@ -155,7 +155,7 @@ def emulator_for(
 
 
 def _found_or_trained(
-    study: Study, given: Path | None, *, manner: Manner, executor: Executor | None
+    study: Study, given: Path | None, *, manner: TrainingOptions, executor: Executor | None
 ) -> Surrogate | None:
     """Return the emulator of a study's geometry, found or trained."""
     asked_beside = outline(study).asked
@@ -193,10 +193,10 @@ def _found_or_trained(
         return known
     if not manner.quiet:
         _print(f"{found.reason}; one is trained now for this study and kept in {manner.cache}")
-    return train_where_asked(study, first, executor, manner)
+    return train_for_study(study, first, executor, manner)
 
 
-def _refuse_assembled(given: Path, trained: Surrogate, manner: Manner) -> None:
+def _refuse_assembled(given: Path, trained: Surrogate, manner: TrainingOptions) -> None:
     """Refuse a file trained with the kernels if a different backend is requested."""
     if manner.backend not in (Backend.KERNELS, backend_of(trained.record)):
         raise BayesdegError(
@@ -224,7 +224,7 @@ def refuse_cells(settings: Settings, backend: Backend) -> None:
 
 
 def _known(
-    study: Study, first: LocalDesign, wanted: TrainingRange, manner: Manner
+    study: Study, first: LocalDesign, wanted: TrainingRange, manner: TrainingOptions
 ) -> Surrogate | None:
     """Return an emulator trained for this study, or one that covers it too."""
     geometry = geometry_of_study(study.settings)
@@ -234,8 +234,8 @@ def _known(
         is_other = wanting or backend_of(surrogate.record) is not manner.backend
         if surrogate.units != first.units or is_other or is_refined(surrogate.record):
             continue
-        done = not _ends_refined(geometry, first) or went_to_its_end(surrogate.record)
-        if path == own and done and is_fitted_as_now(surrogate.record):
+        done = not _ends_refined(geometry, first) or ended_with_refinement(surrogate.record)
+        if path == own and done and is_current_fit(surrogate.record):
             return surrogate
         if path != own and _is_good(_asked_after(study, surrogate, manner), first, TARGET_PCT):
             return surrogate
@@ -247,14 +247,14 @@ def _ends_refined(geometry: Moulded, design: LocalDesign) -> bool:
     return has_ground(geometry) and not design.only_departure and LAST_ROUNDS > 0
 
 
-def _kept_for(geometry: Moulded, first: LocalDesign, manner: Manner) -> Path:
+def _kept_for(geometry: Moulded, first: LocalDesign, manner: TrainingOptions) -> Path:
     """Return the file of an emulator whose training began with a design."""
     recipe = manner.local_recipe(geometry)
     campaign = Campaign(geometry, recipe, SolutionStore(STORE), design=first)
     return manner.cache / f"{campaign.key()[:16]}.npz"
 
 
-def _asked_after(study: Study, surrogate: Surrogate, manner: Manner) -> AskedAfterwards:
+def _asked_after(study: Study, surrogate: Surrogate, manner: TrainingOptions) -> AskedAfterwards:
     with shown(manner.quiet) as progress:
         progress.stage("in the posterior region")
         return asked_after(study, surrogate, study.settings.seed)
@@ -276,8 +276,8 @@ def _is_good(
     return is_exact and (found.outside <= TARGET_OUTSIDE or not mends)
 
 
-def train_where_asked(
-    study: Study, first: LocalDesign, executor: Executor | None, manner: Manner
+def train_for_study(
+    study: Study, first: LocalDesign, executor: Executor | None, manner: TrainingOptions
 ) -> Surrogate:
     """Train an emulator over the range of a study, then in its posterior region until accurate.
 
@@ -289,7 +289,7 @@ def train_where_asked(
         The range given by films, priors and conditions.
     executor : Executor, optional
         Runs the solutions.
-    manner : Manner
+    manner : TrainingOptions
         Settings for training.
 
     Raises
@@ -301,7 +301,7 @@ def train_where_asked(
     recipe, design = manner.local_recipe(geometry), first
     is_refined_last = _ends_refined(geometry, first)
     last_curves = AT_THE_POSTERIOR if is_refined_last else 0
-    base: Trial | None = None
+    base: CandidateFit | None = None
     before: AskedAfterwards | None = None
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design, later=last_curves)
@@ -333,7 +333,7 @@ def train_where_asked(
 
 
 def refined_emulator(
-    study: Study, ground: Surrogate, *, manner: Manner, executor: Executor | None
+    study: Study, ground: Surrogate, *, manner: TrainingOptions, executor: Executor | None
 ) -> Surrogate:
     """Correct an emulator in a study's posterior region until its error no longer matters there.
 
@@ -346,7 +346,7 @@ def refined_emulator(
         With readings of actuators.
     ground : Surrogate
         An emulator of its geometry.
-    manner : Manner
+    manner : TrainingOptions
         Settings for training.
     executor : Executor, optional
         Runs the solutions.
@@ -372,9 +372,9 @@ def _refined(
     ground: Surrogate,
     begun: Campaign,
     rounds: int,
-    manner: Manner,
+    manner: TrainingOptions,
     *,
-    base: Trial | None = None,
+    base: CandidateFit | None = None,
 ) -> tuple[Campaign, Surrogate]:
     """Return an emulator corrected in at most this many rounds, and the solutions for it.
 
@@ -395,7 +395,7 @@ def _refined(
     return campaign, found
 
 
-def _say_left(left: ErrorLeft, manner: Manner, *, last: bool) -> None:
+def _say_left(left: ErrorLeft, manner: TrainingOptions, *, last: bool) -> None:
     if manner.quiet:
         return
     then = "" if left.is_small or last else "; more curves are solved there"
@@ -407,7 +407,7 @@ def _say_left(left: ErrorLeft, manner: Manner, *, last: bool) -> None:
     )
 
 
-def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
+def train(campaign: Campaign, path: Path, manner: TrainingOptions) -> Surrogate:
     """Announce the time of a campaign, complete it, train the emulator and save it.
 
     Raises
@@ -420,7 +420,7 @@ def train(campaign: Campaign, path: Path, manner: Manner) -> Surrogate:
     return surrogate
 
 
-def completed(campaign: Campaign, manner: Manner) -> Surrogate:
+def completed(campaign: Campaign, manner: TrainingOptions) -> Surrogate:
     """Announce the time of a campaign, complete it and train the emulator.
 
     Raises
@@ -433,7 +433,7 @@ def completed(campaign: Campaign, manner: Manner) -> Surrogate:
 
 def _worked[Result](
     campaign: Campaign,
-    manner: Manner,
+    manner: TrainingOptions,
     work: Callable[[Campaign, Expectation, Progress], Result],
 ) -> Result:
     """Announce the time of a campaign and run it.
@@ -454,7 +454,9 @@ def _worked[Result](
         raise Stopped(_what_stays(campaign)) from stop
 
 
-def _keep(campaigns: Sequence[Campaign], path: Path, surrogate: Surrogate, manner: Manner) -> None:
+def _keep(
+    campaigns: Sequence[Campaign], path: Path, surrogate: Surrogate, manner: TrainingOptions
+) -> None:
     """Write the emulator and the list of failures."""
     write_trained(path, surrogate)
     ended = [end for campaign in campaigns for end in endings(campaign)]
@@ -466,7 +468,9 @@ def _keep(campaigns: Sequence[Campaign], path: Path, surrogate: Surrogate, manne
         errors.print(accuracy_table(surrogate))
 
 
-def _say_where(found: AskedAfterwards, wanted_pct: float, manner: Manner, *, good: bool) -> None:
+def _say_where(
+    found: AskedAfterwards, wanted_pct: float, manner: TrainingOptions, *, good: bool
+) -> None:
     if manner.quiet:
         return
     then = "" if good else "; more curves are solved there"
@@ -483,7 +487,7 @@ def _say_where(found: AskedAfterwards, wanted_pct: float, manner: Manner, *, goo
     )
 
 
-def _say(expectation: Expectation, store: Path, manner: Manner) -> None:
+def _say(expectation: Expectation, store: Path, manner: TrainingOptions) -> None:
     if not manner.quiet:
         _print(f"training takes {expectation}; solutions are stored in {store}")
     if manner.yes or not (sys.stdin.isatty() and sys.stderr.isatty()):

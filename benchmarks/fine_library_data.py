@@ -145,7 +145,9 @@ def _strain(q: Floats, groups: Floats, y: Floats, by: Floats) -> tuple[Floats, F
     offset[:, 0] = 1.0
     offset[:, at.MISMATCH] = np.sign(groups[:, at.MISMATCH - 1])
     for axis in (at.ALONG, at.UP):
-        offset[:, axis] = at.SAGGING * groups[:, axis - 1] / np.where(weight > 0.0, weight, 1.0)
+        offset[:, axis] = (
+            at.GRAVITY_STRAIN * groups[:, axis - 1] / np.where(weight > 0.0, weight, 1.0)
+        )
     factor = np.exp(y)[:, None]
     strain: Floats = (q + rest) * factor[:, 0]
     return strain, strain[:, None] * by + factor * offset

@@ -23,7 +23,9 @@ TABLE = LARGEST_BENDING * np.linspace(0.0, 1.0, 64) ** 2
 STEEPEST = 2.75  # d ln k/d ln q, beyond which the actuator is about to balloon
 FARTHEST = 0.5  # distance from what was solved, in lengths; curves left out were up to 0.35
 ROOM = 0.15  # beyond the range of what was solved, over that range
-TAKEN_UP = 0.05  # units of slack, and of what strains its paper at rest, that may go together
+LARGEST_SLACK_AND_MISMATCH = (
+    0.05  # units of slack, and of what strains its paper at rest, that may go together
+)
 NEUTRAL = {group.name: group.neutral for group in GROUPS}
 
 
@@ -154,6 +156,6 @@ def _within(library: Library, places: Floats) -> Flags:
     """Return whether materials and causes are in the range of what was solved."""
     room = ROOM * (library.upper - library.lower)
     inside = (places >= library.lower - room) & (places <= library.upper + room)
-    at_rest = np.abs(places[:, AT_REST]) > TAKEN_UP
-    corner = (places[:, SLACK] > TAKEN_UP) & at_rest.any(axis=1)
+    at_rest = np.abs(places[:, AT_REST]) > LARGEST_SLACK_AND_MISMATCH
+    corner = (places[:, SLACK] > LARGEST_SLACK_AND_MISMATCH) & at_rest.any(axis=1)
     return inside[:, 1:].all(axis=1) & ~corner & (places[:, SLACK] >= 0.0)

@@ -41,7 +41,7 @@ from bayesdeg.actuator.status import Resolution
 from bayesdeg.console import errors
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.campaign import complete, local_terms
-from bayesdeg.emulator.local import AskedInputs, curves_of, span_of
+from bayesdeg.emulator.local import InputDraws, curves_of, span_of
 from bayesdeg.emulator.regression import reach
 from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -52,7 +52,7 @@ from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.pipeline.emulation import asked_of
 from bayesdeg.pipeline.refinement import posteriors_of
-from bayesdeg.training import LOCAL, Manner, emulator_for
+from bayesdeg.training import LOCAL, TrainingOptions, emulator_for
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]
@@ -118,7 +118,7 @@ def trained(name: str, study: Study, workers: int) -> tuple[Surrogate, float]:
     begun, kept = time.perf_counter(), CACHE / name / "minutes.json"
     kept.parent.mkdir(parents=True, exist_ok=True)
     with workplace(workers, None) as executor:
-        found = emulator_for(study, None, manner=Manner(yes=True), executor=executor)
+        found = emulator_for(study, None, manner=TrainingOptions(yes=True), executor=executor)
     assert found is not None
     if not kept.exists():
         minutes = (time.perf_counter() - begun) / 60.0
@@ -126,7 +126,7 @@ def trained(name: str, study: Study, workers: int) -> tuple[Surrogate, float]:
     return found, float(json.loads(kept.read_text(encoding="utf-8"))["training"])
 
 
-def held_out(study: Study, asked: AskedInputs, count: int, workers: int) -> list[HeldOut]:
+def held_out(study: Study, asked: InputDraws, count: int, workers: int) -> list[HeldOut]:
     """Return curves at draws, on the mesh that the study's emulator stands for."""
     geometry = geometry_of_study(study.settings)
     curves = [

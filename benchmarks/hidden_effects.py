@@ -45,7 +45,7 @@ from bayesdeg.criticism.fit.linear import (
     neutral_sizes,
     sensitivities,
 )
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.study import read_study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
@@ -178,7 +178,7 @@ def _found(judgement: Judgement) -> Json:
 
 
 def visible(
-    base: Trial,
+    base: CandidateFit,
     hidden: tuple[HiddenEffect, ...],
     truth: Truth,
     changes: Changes = MappingProxyType({}),

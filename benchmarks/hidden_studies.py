@@ -20,7 +20,7 @@ from bayesdeg.data.settings import Settings
 from bayesdeg.laboratory.experiment import PRESSURES, Design, VirtualExperiment, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Three, Truth, drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.priors import Choice, Law, LogNormal, Normal, Parameter
+from bayesdeg.priors import Choice, Distribution, LogNormal, Normal, Parameter
 
 SIZES = (0.6, 1.0, 1.4, 1.8)
 LARGEST_PRESSURE = 200.0  # kPa; beyond, soft draws of the material balloon
@@ -279,13 +279,13 @@ class MadeStudy:
         Tables and what was hidden.
     truth : Truth
         Material and errors.
-    priors : mapping of str to Law
+    priors : mapping of str to Distribution
         What the study knows of a test of its own, as that of the paper.
     """
 
     experiment: VirtualExperiment
     truth: Truth
-    priors: Mapping[str, Law]
+    priors: Mapping[str, Distribution]
 
 
 def experimented(

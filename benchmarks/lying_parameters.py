@@ -34,7 +34,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.criticism.checks.absorption import Absorption, Split, absorption, split
 from bayesdeg.criticism.fit.search import Search, SearchEffort, run_search
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.importance import about_mode
@@ -111,7 +111,7 @@ def true_values(model: JointModel, truth: Truth) -> dict[str, float]:
     return found
 
 
-def refitted(base: Trial, start: Floats, study: HiddenStudy) -> Floats:
+def refitted(base: CandidateFit, start: Floats, study: HiddenStudy) -> Floats:
     """Return the posterior's mean of the base parameters where the hidden effect is known."""
     known = []
     for hidden in study.effects:

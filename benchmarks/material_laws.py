@@ -24,7 +24,7 @@ from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.tensile import TensileCurves, tensile_curves
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
-from bayesdeg.priors import Law
+from bayesdeg.priors import Distribution
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"
 NAMES = ("treloar", "gelatin_actuator", "marchese_ribbed")
@@ -33,7 +33,7 @@ ERRORS = ("rmse_MPa", "held_out_rmse_MPa")
 MANY = 400
 
 
-def films_and_priors(name: str) -> tuple[TensileCurves, dict[str, Law]]:
+def films_and_priors(name: str) -> tuple[TensileCurves, dict[str, Distribution]]:
     study = read_study(STUDIES / name)
     priors = {p.name: p.law for p in outline(study).base if p.name in NOISE}
     curves = tensile_curves(study, fitted=True)
@@ -61,7 +61,7 @@ def resampled(curves: TensileCurves) -> TensileCurves:
     )
 
 
-def timed(curves: TensileCurves, priors: dict[str, Law]) -> tuple[LawComparison, float]:
+def timed(curves: TensileCurves, priors: dict[str, Distribution]) -> tuple[LawComparison, float]:
     start = time.perf_counter()
     found = compare_laws(curves, priors)
     return found, time.perf_counter() - start

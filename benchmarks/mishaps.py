@@ -44,7 +44,7 @@ from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.observations.curvature import ANGLE, CURVATURE
-from bayesdeg.pipeline.aside import Aside
+from bayesdeg.pipeline.aside import Exclusion
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
@@ -200,14 +200,16 @@ def screening(study: Study) -> Study:
     return replace(study, settings=replace(study.settings, set_aside=True))
 
 
-def _short(one: Aside) -> list[object]:
+def _short(one: Exclusion) -> list[object]:
     suspect = one.suspect
     if suspect is None:
         return ["unit", list(one.specimens), None, None]
     return [str(suspect.hypothesis.oddity), list(one.specimens), suspect.size, suspect.score]
 
 
-def was_found(mishap: Mishap, study: Study, aside: Iterable[Aside], known: Iterable[str]) -> bool:
+def was_found(
+    mishap: Mishap, study: Study, aside: Iterable[Exclusion], known: Iterable[str]
+) -> bool:
     """Return whether what is at fault is among the suspects.
 
     Of a mishap of one specimen that is the specimen, of mistraced or cut-off pictures at least half
@@ -234,7 +236,7 @@ def was_found(mishap: Mishap, study: Study, aside: Iterable[Aside], known: Itera
     return share == 1.0 if mishap.name == "exchanged_labels" else share >= HALF
 
 
-def innocent(mishap: Mishap | None, aside: Iterable[Aside]) -> list[str]:
+def innocent(mishap: Mishap | None, aside: Iterable[Exclusion]) -> list[str]:
     """Return specimens that are set aside, or of which readings are, without any at fault."""
     wrong = set() if mishap is None else set(mishap.specimens)
     return sorted({name for one in aside if one.is_out for name in one.specimens} - wrong)

@@ -45,7 +45,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Truth, drawn_truth
-from bayesdeg.training import Manner, emulator_for
+from bayesdeg.training import TrainingOptions, emulator_for
 
 Json = dict[str, Any]
 
@@ -151,7 +151,7 @@ def judged(number: int, *, seed: int, workers: int) -> Json:
     truth = Truth(**known)
     read = read_study(folder)
     with workplace(workers, None) as executor:
-        surrogate = emulator_for(read, None, manner=Manner(yes=True), executor=executor)
+        surrogate = emulator_for(read, None, manner=TrainingOptions(yes=True), executor=executor)
     found = examined(study, folder, truth, {}, effort="quick", seed=seed, surrogate=surrogate)
     return found | {"dimensions": vars(read.settings.dimensions)}
 

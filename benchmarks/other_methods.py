@@ -44,7 +44,7 @@ from bayesdeg.criticism.fit.linear import (
     prior_size,
     sensitivities,
 )
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.hidden import HiddenAnswer, Sets, StatedSize
@@ -82,14 +82,14 @@ class FittedStudy:
     ----------
     name : str
         Of its folder.
-    base : Trial
+    base : CandidateFit
         The base model, calibrated.
     causes : tuple of Cause
         Those that the columns at hand can show.
     """
 
     name: str
-    base: Trial
+    base: CandidateFit
     causes: tuple[Cause, ...]
 
     @cached_property
@@ -245,7 +245,7 @@ class Discrepancy:
     predicted: Floats
 
     @classmethod
-    def of(cls, base: Trial) -> "Discrepancy":
+    def of(cls, base: CandidateFit) -> "Discrepancy":
         """Return that of a calibrated base model."""
         linear, places = base.linear, base.subject.places
         values, vectors = np.linalg.eigh(base.uncertain)

@@ -15,7 +15,7 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import PLANS, complete, runs
-from bayesdeg.emulator.design import SECOND_STAGE, Question, candidates, likely, most_telling
+from bayesdeg.emulator.design import SECOND_STAGE, Question, candidates, likely, most_informative
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.regression import Observed, Prior, observe, rows_of
 from bayesdeg.emulator.scaling import TrainingRange
@@ -48,7 +48,7 @@ def main() -> None:
     ]
     many, few = observed[: recipe.coarse_runs], observed[recipe.coarse_runs :]
     plan, pool = PLANS[0], candidates(span)
-    coarse = most_telling(
+    coarse = most_informative(
         question([o for _, o in many if o is not None], plan.family, plan.prior),
         pool,
         chosen.coarse,
@@ -57,7 +57,7 @@ def main() -> None:
         on_pick=lambda index: print(f"coarse {index}: {pool[index].material}", flush=True),
     )
     twins = [curve for curve, _ in many[recipe.fine_runs :]] + [pool[k] for k in coarse]
-    fine = most_telling(
+    fine = most_informative(
         question([o for _, o in few if o is not None], plan.correction, plan.correction_prior),
         twins,
         chosen.fine,

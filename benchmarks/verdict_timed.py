@@ -26,13 +26,13 @@ from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.progress import Silent
 
 try:
-    from bayesdeg.criticism.fit.trials import Trial
+    from bayesdeg.criticism.fit.trials import CandidateFit
     from bayesdeg.data.study import read_study
     from bayesdeg.emulator.workers import pool
     from bayesdeg.inference.model import JointModel, near_films
     from bayesdeg.pipeline.calibrate import base_without_chain
 except ImportError:  # where they are in the commit `OLD` of verdict_seconds.py
-    from bayesdeg.criticism.trials import Trial
+    from bayesdeg.criticism.trials import CandidateFit
     from bayesdeg.inference.least_squares import near_films
     from bayesdeg.measure.study import read_study
     from bayesdeg.pipeline.base import base_without_chain
@@ -69,7 +69,7 @@ def fit_once(model: JointModel) -> float:
     return time.perf_counter() - start
 
 
-def verdict(assembly: Assembly, base: Trial, effort: str, executor: Executor | None) -> None:
+def verdict(assembly: Assembly, base: CandidateFit, effort: str, executor: Executor | None) -> None:
     """Judge and tell what came out."""
     start, cpu = time.perf_counter(), time.process_time()
     judgement = judge(

@@ -28,9 +28,9 @@ from bayesdeg.data.settings import (
     ENTRIES,
     MOULDS,
     CaptureOptions,
-    OwnForward,
     PhotographOptions,
     Settings,
+    UserForward,
     VendorFigures,
 )
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
@@ -158,7 +158,7 @@ def rules_of_studies() -> dict[str, list[str]]:
 def keys_of_study_toml() -> list[Entry]:
     """Return every key of ``study.toml`` with its default, from the classes that hold them."""
     meanings = _documented(MixtureRecipe) | _documented(Settings) | _documented(VendorFigures)
-    meanings |= {f"own_{name}": text for name, text in _documented(OwnForward).items()}
+    meanings |= {f"own_{name}": text for name, text in _documented(UserForward).items()}
     of_photographs = _documented(PhotographOptions)
     meanings |= {f"markers_{name}": text for name, text in _documented(ForeignTable).items()}
     meanings |= {f"photographs_{name}": text for name, text in of_photographs.items()}
@@ -170,7 +170,7 @@ def keys_of_study_toml() -> list[Entry]:
         "constraint_thickness_mm": "The same as `thickness` of `[paper]`, in its place.",
     }
     defaults = {f.name: f.default for owner in (MixtureRecipe, Settings) for f in fields(owner)}
-    defaults |= {f"own_{f.name}": f.default for f in fields(OwnForward)}
+    defaults |= {f"own_{f.name}": f.default for f in fields(UserForward)}
     defaults |= {"kind": Settings().kind, "constraint_height_mm": MISSING}
     defaults |= {"constraint_unit": "kPa"}
     defaults |= {"stretch_range": MISSING, "source": VendorFigures().source}

@@ -11,9 +11,9 @@ from scipy import integrate, stats
 from bayesdeg.priors import (
     LAWS,
     Choice,
+    Distribution,
     HalfCauchy,
     HalfNormal,
-    Law,
     LogNormal,
     Normal,
     Parameter,
@@ -205,7 +205,7 @@ EXAMPLES = {
 def test_every_law_can_be_named(name):
     law = law_from_mapping({"law": name} | EXAMPLES[name])
     assert law == LAWS[name](**EXAMPLES[name])
-    assert isinstance(law, Law)
+    assert isinstance(law, Distribution)
 
 
 @pytest.mark.parametrize(

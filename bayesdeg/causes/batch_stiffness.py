@@ -51,12 +51,14 @@ from bayesdeg.priors import Normal, Parameter
 CONTRASTS = ("second", "third", "fourth")
 
 
-def mix_otherwise(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+def scale_by_batch(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Scale the inputs' constants by exp(x) of each specimen's batch."""
     return scaled_stiffness(inputs, np.exp(_contrast(conditions.batch[:, :1], effect)))
 
 
-def pull_otherwise(stress: Floats, films: FilmConditions, effect: Effect, _: Floats) -> Floats:
+def scale_stress_by_batch(
+    stress: Floats, films: FilmConditions, effect: Effect, _: Floats
+) -> Floats:
     """Scale stresses by exp(x) of each film's batch."""
     pulled: Floats = stress * np.exp(_contrast(films.batch[:, None], effect))
     return pulled
@@ -121,8 +123,8 @@ CAUSE = Cause(
     "batches that agree",
     confusable_with=("film_mismatch", "degradation_misread"),
     needs=("batch",),
-    on_inputs=mix_otherwise,
-    on_stress=pull_otherwise,
+    on_inputs=scale_by_batch,
+    on_stress=scale_stress_by_batch,
     blind=of_one_batch,
     blind_in=in_one_batch,
 )

@@ -256,7 +256,7 @@ def always_visible(conditions: Conditions | FilmConditions) -> None:
     """Return None: every test can reveal the cause."""
 
 
-def judged_anywhere(study: Study) -> None:
+def always_meaningful(study: Study) -> None:
     """Return None: the cause has a meaning in every study."""
 
 
@@ -326,7 +326,7 @@ class Cause:
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
     on_strength: Callable[[Strength, StrengthConditions, Effect], Strength] | None = None
     blind: Callable[[Conditions], str | None] = always_visible
-    blind_in: Callable[[Study], str | None] = judged_anywhere
+    blind_in: Callable[[Study], str | None] = always_meaningful
     blind_on_films: Callable[[FilmConditions], str | None] = always_visible
 
     def qualified(self, parameter: str) -> str:

@@ -33,7 +33,7 @@ from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 
-def misgauge(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
+def scale_pressure(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs at (1 + g) p, and counted from (1 + g) times the reference pressure."""
     factor, reference = 1.0 + effect["gain"], inputs.reference_pressure
     return replace(
@@ -61,5 +61,5 @@ CAUSE = Cause(
     "second gauge that reads the same",
     confusable_with=("film_mismatch", "pressure_loss", "initial_curvature", "wall_thickness"),
     twins=("film_mismatch",),
-    on_inputs=misgauge,
+    on_inputs=scale_pressure,
 )

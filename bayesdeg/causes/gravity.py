@@ -49,7 +49,7 @@ def weigh(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     )
 
 
-def never_across(conditions: Conditions) -> str | None:
+def always_horizontal(conditions: Conditions) -> str | None:
     """Say so where every mount was horizontal, with the weight across the bending plane."""
     if np.any(conditions.mount != "horizontal"):
         return None
@@ -85,5 +85,5 @@ CAUSE = Cause(
     confusable_with=("paper_slack",),
     needs=("mount",),
     on_inputs=weigh,
-    blind=never_across,
+    blind=always_horizontal,
 )

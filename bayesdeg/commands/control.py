@@ -189,7 +189,7 @@ def _of_own(
 ) -> None:
     """Find the input for a reading of a user's forward map."""
     stored = own_forecast.read_own(report, base=base)
-    block = own_forecast.own_map(stored).readings[0]
+    block = own_forecast.user_map(stored).readings[0]
     if not reading:
         raise typer.BadParameter("--reading is missing")
     wanted = numbers(reading, "--reading", block.unit, low=-np.inf, high=np.inf)

@@ -38,7 +38,7 @@ def emulate(
     _refuse_uncertain(settings)
     actuator = geometry_of_study(settings)
     refuse_whole_range(actuator)
-    manner = training.Manner(yes=yes, quiet=quiet, backend=backend)
+    manner = training.TrainingOptions(yes=yes, quiet=quiet, backend=backend)
     path = cached_path(actuator, manner.recipe, CACHE) if out is None else output_file(out)
     with workplace(workers, scheduler) as executor:
         campaign = Campaign(actuator, manner.recipe, SolutionStore(store), executor, timeout)

@@ -122,7 +122,7 @@ def _of_own(
 ) -> None:
     """Predict with a user's forward map."""
     stored = own_forecast.read_own(report, base=base)
-    block = own_forecast.own_map(stored).readings[0]
+    block = own_forecast.user_map(stored).readings[0]
     at = inputs_of(x, list(block.x))
     out = None if out is None else output_file(out)
     table = own_forecast.predict(stored, at, seed_of(stored, seed))

@@ -29,7 +29,7 @@ from bayesdeg.report.folder import LEFT_OUT, RunFolder
 from bayesdeg.report.headline import doubts_of, forward_map_words, sets_of
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import VerdictRecord
-from bayesdeg.training import Manner, emulator_for, refuse_cells
+from bayesdeg.training import TrainingOptions, emulator_for, refuse_cells
 
 
 def run(
@@ -61,7 +61,7 @@ def run(
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        manner = Manner(yes=yes, quiet=quiet, refine=refine, backend=backend)
+        manner = TrainingOptions(yes=yes, quiet=quiet, refine=refine, backend=backend)
         forward = None if own else emulator_for(checked, emulator, manner=manner, executor=executor)
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:

@@ -20,7 +20,7 @@ _ORIGIN = "__origin__"
 
 
 @dataclass(frozen=True)
-class Enlarged:
+class ExtendedTable:
     """A table of actuators with added rows.
 
     Parameters
@@ -51,7 +51,7 @@ def enlarge(
     file: str,
     *,
     degradation_sd_pct: float,
-) -> Enlarged:
+) -> ExtendedTable:
     r"""Add rows to a table of actuators.
 
     A row of a known specimen is inserted by pressure in its cycle and branch; a row with a time, or
@@ -101,7 +101,7 @@ def enlarge(
     added = rows if known is None else pd.concat([known, rows]).fillna("")
     specimens = tuple(dict.fromkeys(rows[SPECIMEN].tolist()))
     filled = tuple(str(n) for n in rows if n != _ORIGIN and (rows[n].str.strip() != "").any())
-    return Enlarged(table, _to_csv(added.drop(columns=_ORIGIN)), specimens, len(rows), filled)
+    return ExtendedTable(table, _to_csv(added.drop(columns=_ORIGIN)), specimens, len(rows), filled)
 
 
 def _texts(content: bytes, file: str) -> pd.DataFrame:

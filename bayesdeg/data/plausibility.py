@@ -21,7 +21,7 @@ from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import Study
 from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.priors import Law, LogNormal
+from bayesdeg.priors import Distribution, LogNormal
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -163,14 +163,14 @@ class Expected:
 
     Parameters
     ----------
-    c1, elongation : mapping of float to Law
+    c1, elongation : mapping of float to Distribution
         C1 [MPa] and the elongation at break [%] by degradation rate; interpolated in logarithms.
     linear_scale : float
         Length of the part over that of its mould.
     """
 
-    c1: Mapping[float, Law]
-    elongation: Mapping[float, Law]
+    c1: Mapping[float, Distribution]
+    elongation: Mapping[float, Distribution]
     linear_scale: float = 1.0
 
 
@@ -323,7 +323,7 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
     return found
 
 
-def _prior_at(laws: Mapping[float, Law], rates: Floats) -> tuple[Floats, Floats]:
+def _prior_at(laws: Mapping[float, Distribution], rates: Floats) -> tuple[Floats, Floats]:
     """Return ln of the median and its standard deviation at degradation rates; nan if unknown."""
     known = {rate: _median_and_above(law) for rate, law in sorted(laws.items())}
     known = {rate: q for rate, q in known.items() if np.all(np.isfinite(q)) and q[0] > 0.0}
@@ -334,7 +334,7 @@ def _prior_at(laws: Mapping[float, Law], rates: Floats) -> tuple[Floats, Floats]
     return median, np.maximum(np.interp(rates, at, quantiles[:, 1]) - median, 1e-6)
 
 
-def _median_and_above(law: Law) -> Floats:
+def _median_and_above(law: Distribution) -> Floats:
     """Return a law's median, and its quantile one standard deviation of a normal law above.
 
     For a log-normal law, the default here, no special function is needed.
@@ -344,7 +344,9 @@ def _median_and_above(law: Law) -> Floats:
     return law.quantile(np.array([0.5, 0.8413]))
 
 
-def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Law]) -> tuple[float, bool | None]:
+def _off_prior(
+    logs: Floats, rates: Floats, laws: Mapping[float, Distribution]
+) -> tuple[float, bool | None]:
     """Return ln of the median over its prior, and whether that is impossible.
 
     The second is None if it is plausible.

@@ -3,7 +3,7 @@
 import pandera.pandas as pa
 
 from bayesdeg.data.cells import Cells, read_cells, read_number
-from bayesdeg.data.settings import OwnForward
+from bayesdeg.data.settings import UserForward
 from bayesdeg.data.tables import Table, number, text
 from bayesdeg.errors import Fault, use_one_of
 
@@ -13,7 +13,7 @@ _WORDS = (SPECIMEN, HISTORY)
 
 
 def readings_table(
-    content: bytes, forward: OwnForward
+    content: bytes, forward: UserForward
 ) -> tuple[Table, tuple[str, ...], tuple[Fault, ...]]:
     r"""Return the columns of a study's readings, and which of them are inputs.
 
@@ -21,7 +21,7 @@ def readings_table(
     ----------
     content : bytes
         The file as stored.
-    forward : OwnForward
+    forward : UserForward
         As stated by the study.
 
     Returns
@@ -37,7 +37,7 @@ def readings_table(
     Examples
     --------
     >>> content = b"specimen_id,height_m,observer,time_s\na,1.0,Ada,0.45\n"
-    >>> readings_table(content, OwnForward("model.py:fall", reading="time_s"))[1]
+    >>> readings_table(content, UserForward("model.py:fall", reading="time_s"))[1]
     ('height_m',)
     """
     cells, _ = read_cells(content, FILE)
@@ -60,7 +60,7 @@ def readings_table(
     return Table(NAME, pa.DataFrameSchema(columns, name=FILE)), inputs, tuple(faults)
 
 
-def _inputs(cells: Cells, forward: OwnForward) -> tuple[str, ...]:
+def _inputs(cells: Cells, forward: UserForward) -> tuple[str, ...]:
     if forward.inputs is not None:
         return forward.inputs
     return tuple(
@@ -76,6 +76,6 @@ def _is_of_numbers(cells: Cells, name: str) -> bool:
     return 2 * sum(isinstance(read_number(text), float) for text in texts if text) > len(texts)
 
 
-def _where(name: str, forward: OwnForward) -> str:
+def _where(name: str, forward: UserForward) -> str:
     key = "name under [reading]" if name == forward.reading else "inputs under [forward]"
     return f"or change {key} in study.toml"

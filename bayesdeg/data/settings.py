@@ -40,7 +40,7 @@ from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.uncertain import MOST, UncertainDimension, corners, uncertain_dimension
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
-from bayesdeg.priors import Law, Parameter, law_from_mapping
+from bayesdeg.priors import Distribution, Parameter, law_from_mapping
 from bayesdeg.quantities import EFFORTS, LARGEST_SEED, SIDES, Effort, Side
 
 Mode = Literal["uniaxial", "equibiaxial", "planar"]
@@ -248,7 +248,7 @@ def relative_size(dimensions: Mould) -> float:
 
 
 @dataclass(frozen=True)
-class OwnForward:
+class UserForward:
     """A user's own forward map, as stated in ``study.toml``.
 
     Parameters
@@ -262,9 +262,9 @@ class OwnForward:
         Unknowns of the function, with their priors.
     reading, unit : str
         Column of the reading, and its unit.
-    error : float or Law, optional
+    error : float or Distribution, optional
         Standard deviation of a reading, or its prior.
-    scatter : bool or Law
+    scatter : bool or Distribution
         Whether specimens differ, or the prior of their scatter.
     """
 
@@ -273,8 +273,8 @@ class OwnForward:
     parameters: tuple[Parameter, ...] = ()
     reading: str = "reading"
     unit: str = "–"
-    error: float | Law | None = None
-    scatter: bool | Law = False
+    error: float | Distribution | None = None
+    scatter: bool | Distribution = False
 
 
 @dataclass(frozen=True)
@@ -400,7 +400,7 @@ class Settings:
         Unit of these; kPa by default, for backward compatibility.
     recipe : MixtureRecipe
         Parts by mass and densities of the film mixture.
-    priors : mapping of str to Law
+    priors : mapping of str to Distribution
         Only priors stated by the study; all other parameters keep theirs.
     degradation_sd_pct : float
         Standard error of a degradation rate where none is recorded [%].
@@ -416,7 +416,7 @@ class Settings:
         Whether the data come from a virtual experiment.
     note : str
         Free text shown in the report.
-    forward : OwnForward, optional
+    forward : UserForward, optional
         A user's own forward map, instead of actuators and films.
     rupture_criterion : str
         Measure of a wall's state compared with the films' elongation at break.
@@ -462,7 +462,7 @@ class Settings:
     constraint_c3: float = 0.0
     constraint_unit: StressUnit | None = None
     recipe: MixtureRecipe = field(default_factory=MixtureRecipe)
-    priors: Mapping[str, Law] = field(default_factory=dict)
+    priors: Mapping[str, Distribution] = field(default_factory=dict)
     degradation_sd_pct: float = 1.0
     candidates: tuple[str, ...] | None = None
     effort: Effort = "standard"
@@ -470,7 +470,7 @@ class Settings:
     order: int = 2
     virtual: bool = False
     note: str = ""
-    forward: OwnForward | None = None
+    forward: UserForward | None = None
     rupture_criterion: RuptureCriterion = "principal_stretch"
     film_volume_mm3: float = 50.0
     set_aside: bool = False
@@ -600,14 +600,14 @@ def _dimension(name: str) -> _Entry:
     return _Entry("actuator", name, wanted, _Size)
 
 
-def _size(value: Any) -> float | Law:
+def _size(value: Any) -> float | Distribution:
     """Read a length, or the law of one."""
     if isinstance(value, dict):
         return law_from_mapping(value)
     return float(TypeAdapter(Number).validate_python(value, strict=True))
 
 
-def _law(value: Any) -> Law:
+def _law(value: Any) -> Distribution:
     if not isinstance(value, dict):
         raise ValueError("is not a law")
     return law_from_mapping(value)
@@ -914,7 +914,7 @@ def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple
         accepted["uncertain"], wrong = _uncertain(laws, dimensions, layer, text)
         faults += wrong
     own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
-    forward = OwnForward(**own, parameters=unknowns) if "function" in own else None
+    forward = UserForward(**own, parameters=unknowns) if "function" in own else None
     if forward is None and not faults:
         faults += _without_forward(document, text)
     settings = Settings(dimensions=dimensions, priors=priors, forward=forward, **accepted)
@@ -931,7 +931,7 @@ _OF_FILES: Mapping[str, Callable[..., object]] = {
 }
 """Tables of ``study.toml`` that define how a file is read."""
 _OF_OPERATOR = {"operator", "points"}
-_OWN = tuple(entry.name for entry in fields(OwnForward) if entry.name != "parameters")
+_OWN = tuple(entry.name for entry in fields(UserForward) if entry.name != "parameters")
 
 
 def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
@@ -1010,15 +1010,15 @@ def _mould(accepted: dict[str, Any]) -> AnyDimensions:
     return mould(**{name: value for name, value in sizes.items() if name in own})
 
 
-def _taken_laws(accepted: dict[str, Any]) -> dict[str, Law]:
+def _taken_laws(accepted: dict[str, Any]) -> dict[str, Distribution]:
     """Replace laws of dimensions in the accepted values by their medians; return the laws."""
-    laws = {n: accepted[n] for n in DIMENSIONS if isinstance(accepted.get(n), Law)}
+    laws = {n: accepted[n] for n in DIMENSIONS if isinstance(accepted.get(n), Distribution)}
     accepted |= {name: float(law.quantile(0.5)) for name, law in laws.items()}
     return laws
 
 
 def _uncertain(
-    laws: Mapping[str, Law], dimensions: AnyDimensions, constraint: Constraint, text: str
+    laws: Mapping[str, Distribution], dimensions: AnyDimensions, constraint: Constraint, text: str
 ) -> tuple[tuple[UncertainDimension, ...], tuple[Fault, ...]]:
     """Return the ranges of uncertain dimensions; refuse impossible ones."""
     impossible = _impossible(dimensions, constraint, text)
@@ -1235,7 +1235,9 @@ def _wrong_law(value: Mapping[str, object]) -> str:
     return ""
 
 
-def _read_priors(table: Mapping[str, Any], text: str) -> tuple[dict[str, Law], tuple[Fault, ...]]:
+def _read_priors(
+    table: Mapping[str, Any], text: str
+) -> tuple[dict[str, Distribution], tuple[Fault, ...]]:
     priors, faults = {}, []
     for name, value in _flattened(table).items():
         row = _row_of(text, "priors", name)

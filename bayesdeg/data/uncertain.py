@@ -9,7 +9,7 @@ from typing import override
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayesdeg.priors import FloatArray, Law, Normal, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import Distribution, FloatArray, Normal, Parameter, TruncatedNormal, Uniform
 
 PREFIX = "actuator."
 """Prefix of parameters that are dimensions."""
@@ -33,12 +33,12 @@ Problems = Callable[[Mapping[str, float]], tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class BoundedLaw(Law):
+class BoundedLaw(Distribution):
     """A law truncated to two bounds; logit transform.
 
     Parameters
     ----------
-    law : Law
+    law : Distribution
         The law before truncation.
     low, high : float
         Bounds, between which its probability is positive.
@@ -51,7 +51,7 @@ class BoundedLaw(Law):
     [1.9, 1.998, 2.1]
     """
 
-    law: Law
+    law: Distribution
     low: float
     high: float
 
@@ -86,7 +86,7 @@ class BoundedLaw(Law):
         return np.clip(self.law.quantile(share), self.low, self.high)
 
 
-def mass_below(law: Law, x: float) -> float:
+def mass_below(law: Distribution, x: float) -> float:
     """Return the probability of a law below a value, from its quantiles.
 
     Examples
@@ -101,7 +101,7 @@ def mass_below(law: Law, x: float) -> float:
     return 0.5 * (low + high)
 
 
-def bounded(law: Law, low: float, high: float) -> Law:
+def bounded(law: Distribution, low: float, high: float) -> Distribution:
     """Truncate a law to two bounds, keeping its class if that has bounds.
 
     Examples
@@ -126,7 +126,7 @@ class UncertainDimension:
     ----------
     name : str
         Name of the dimension.
-    law : Law
+    law : Distribution
         As stated in the study [mm].
     low, high : float
         Range used [mm].
@@ -141,7 +141,7 @@ class UncertainDimension:
     """
 
     name: str
-    law: Law
+    law: Distribution
     low: float
     high: float
     lost: float = 0.0
@@ -163,7 +163,7 @@ class UncertainDimension:
         return (self.low - self.median) / self.step, (self.high - self.median) / self.step
 
     @property
-    def prior(self) -> Law:
+    def prior(self) -> Distribution:
         """The truncated law [mm]."""
         return bounded(self.law, self.low, self.high)
 
@@ -195,15 +195,15 @@ def dimensions_among(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name.removeprefix(PREFIX) for name in names if is_dimension(name))
 
 
-def uncertain_dimension(name: str, law: Law, problems: Problems) -> UncertainDimension:
+def uncertain_dimension(name: str, law: Distribution, problems: Problems) -> UncertainDimension:
     """Return a dimension with its law truncated to possible actuators.
 
     Parameters
     ----------
     name : str
         A dimension whose median is possible.
-    law : Law
-        Law of its values [mm].
+    law : Distribution
+        Distribution of its values [mm].
     problems : callable
         Says what is wrong with changed dimensions.
 
@@ -241,7 +241,7 @@ def uncertain_dimension(name: str, law: Law, problems: Problems) -> UncertainDim
     return UncertainDimension(name, law, ends[0], ends[1], lost)
 
 
-def _far_ends(law: Law) -> tuple[float, float]:
+def _far_ends(law: Distribution) -> tuple[float, float]:
     """Return the tail quantiles of a law, or its bounds where they are close."""
     low, first, last, high = (float(law.quantile(u)) for u in (0.0, BEYOND, 1.0 - BEYOND, 1.0))
     near = NEAR * (last - first)

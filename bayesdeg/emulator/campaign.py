@@ -1044,7 +1044,7 @@ def _solve_here(campaign: _Campaign) -> None:
 
 
 def _solve_over(campaign: _Campaign, executor: Executor) -> None:
-    flight = _Flight(campaign, executor)
+    flight = _ActiveRuns(campaign, executor)
     try:
         while flight.launch():
             flight.land()
@@ -1056,7 +1056,7 @@ def _solve_over(campaign: _Campaign, executor: Executor) -> None:
 
 
 @dataclass
-class _Flight:
+class _ActiveRuns:
     """The runs submitted to an executor: never many more than it has workers.
 
     If a worker dies, all runs of its pool are suspect; they are retried one at a time to find the

@@ -35,9 +35,9 @@ MISMATCH = NAMES.index("paper_mismatch")
 ALONG, UP = NAMES.index("gravity_along"), NAMES.index("gravity_up")
 LARGEST_WARPED = 1.5  # range of x [–]
 STRAIN, GIVE = 2.9, 30.0  # k [mm] and P₀ [mm] of the paper's strain
-TAKEN_UP = 1e-3  # largest slack and mismatch that may occur together [–]
+LARGEST_SLACK_AND_MISMATCH = 1e-3  # largest slack and mismatch that may occur together [–]
 ROOM = 1e-9  # tolerance of a range for rounding, as a share of it
-SAGGING = 60.0  # strain at rest over the group of gravity [mm]
+GRAVITY_STRAIN = 60.0  # strain at rest over the group of gravity [mm]
 
 # first and second order of W in the scaled causes, from first slopes of the default geometry
 WARP = {
@@ -162,8 +162,8 @@ def inside(groups: Floats, span: TrainingRange) -> NDArray[np.bool_]:
     """
     room = ROOM * _WIDTH
     within: NDArray[np.bool_] = (groups >= span.lower - room) & (groups <= span.upper + room)
-    mismatched = np.abs(groups[:, MISMATCH - 1]) > TAKEN_UP
-    within[:, SLACK - 1] &= ~(mismatched & (groups[:, SLACK - 1] > TAKEN_UP))
+    mismatched = np.abs(groups[:, MISMATCH - 1]) > LARGEST_SLACK_AND_MISMATCH
+    within[:, SLACK - 1] &= ~(mismatched & (groups[:, SLACK - 1] > LARGEST_SLACK_AND_MISMATCH))
     return within
 
 

@@ -304,7 +304,7 @@ class Question:
     errors: Terms
 
 
-def most_telling(
+def most_informative(
     question: Question,
     candidates: Sequence[Curve],
     count: int,

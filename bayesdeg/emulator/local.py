@@ -46,7 +46,7 @@ _PAPER = [group.name for group in GROUPS].index("log_paper")
 
 
 @dataclass(frozen=True)
-class AskedInputs:
+class InputDraws:
     """Draws of the inputs that a study's models may need.
 
     Parameters
@@ -61,23 +61,23 @@ class AskedInputs:
     load: Floats
 
     @classmethod
-    def joined(cls, parts: Sequence["AskedInputs"]) -> "AskedInputs":
+    def joined(cls, parts: Sequence["InputDraws"]) -> "InputDraws":
         """Concatenate all draws."""
         groups = np.vstack([part.groups for part in parts])
         return cls(groups, np.concatenate([part.load for part in parts]))
 
-    def in_units(self, units: Units) -> "AskedInputs":
+    def in_units(self, units: Units) -> "InputDraws":
         """Return the draws with loads and paper in different units.
 
         Examples
         --------
-        >>> asked = AskedInputs(np.zeros((2, 12)), np.array([1.0, 2.0]))
+        >>> asked = InputDraws(np.zeros((2, 12)), np.array([1.0, 2.0]))
         >>> asked.in_units(Units(load=4.0)).load.tolist()
         [0.25, 0.5]
         """
         groups = self.groups.copy()
         groups[:, _PAPER] -= np.log(units.paper)
-        return AskedInputs(groups, self.load / units.load)
+        return InputDraws(groups, self.load / units.load)
 
 
 @dataclass(frozen=True)
@@ -150,12 +150,12 @@ class LocalDesign:
             only_departure=alone,
         )
 
-    def further(self, asked: AskedInputs, recipe: Recipe) -> "LocalDesign":
+    def further(self, asked: InputDraws, recipe: Recipe) -> "LocalDesign":
         """Return the design with added curves at new draws, over a range that covers both.
 
         Parameters
         ----------
-        asked : AskedInputs
+        asked : InputDraws
             Draws of a posterior.
         recipe : Recipe
             Number of added curves, and the seed that chooses them.
@@ -175,7 +175,7 @@ class LocalDesign:
 
 
 def local_design(
-    asked: AskedInputs,
+    asked: InputDraws,
     recipe: Recipe,
     units: Units = ONE,
 ) -> LocalDesign:
@@ -187,7 +187,7 @@ def local_design(
 
 
 def _curves(
-    counted: AskedInputs, span: TrainingRange, recipe: Recipe, units: Units
+    counted: InputDraws, span: TrainingRange, recipe: Recipe, units: Units
 ) -> tuple[Curve, ...]:
     chosen = curves_of(counted, span, recipe.coarse_runs, seed=recipe.seed)
     return tuple(counted_in(curve, Units(1.0 / units.load, 1.0 / units.paper)) for curve in chosen)
@@ -209,7 +209,7 @@ def counted_in(curve: Curve, units: Units) -> Curve:
     return Curve(tuple(load / units.load for load in curve.loads), material)
 
 
-def units_for(geometry: Moulded, asked: AskedInputs) -> Units:
+def units_for(geometry: Moulded, asked: InputDraws) -> Units:
     """Return units in which all inputs of a study lie within the known ranges.
 
     They are powers of two, so that similar studies share them, and nothing is rounded. For a
@@ -219,7 +219,7 @@ def units_for(geometry: Moulded, asked: AskedInputs) -> Units:
     ----------
     geometry : Moulded
         The actuator.
-    asked : AskedInputs
+    asked : InputDraws
         Draws of the inputs, in units of 1.
     """
     if has_ground(geometry):
@@ -253,7 +253,7 @@ def layer_units(geometry: Moulded) -> Units:
     return Units(layer=layer.constants[0] if layer.is_slab else 0.0)
 
 
-def span_share(asked: AskedInputs, wider: float = WIDER) -> float:
+def span_share(asked: InputDraws, wider: float = WIDER) -> float:
     """Return the largest load to be trained, over the largest known one [–]."""
     largest = TrainingRange().largest_load(_unit_stiffening(asked.groups))
     return (1.0 + wider) * float(np.quantile(asked.load / largest, 1.0 - 2.0 * TAIL))
@@ -281,7 +281,7 @@ def covers(span: TrainingRange, wanted: TrainingRange) -> bool:
     return bool(np.all(within)) and span.share >= wanted.share
 
 
-def span_of(asked: AskedInputs, *, wider: float = WIDER) -> TrainingRange:
+def span_of(asked: InputDraws, *, wider: float = WIDER) -> TrainingRange:
     """Return the range over which an emulator covers all draws, if possible.
 
     A group that no draw moves stays at its neutral value; all others get the range of the draws
@@ -290,7 +290,7 @@ def span_of(asked: AskedInputs, *, wider: float = WIDER) -> TrainingRange:
 
     Parameters
     ----------
-    asked : AskedInputs
+    asked : InputDraws
         Draws.
     wider : float
         Margin on either side, relative to the width of the draws' range [–].
@@ -319,12 +319,12 @@ def _unit_stiffening(groups: Floats) -> Floats:
     return coordinates(at).points[:, _STIFFENING]
 
 
-def curves_of(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
+def curves_of(asked: InputDraws, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
     """Return curves at random draws; the first ones do not depend on their number.
 
     Parameters
     ----------
-    asked : AskedInputs
+    asked : InputDraws
         Draws.
     span : TrainingRange
         Range of the emulator; draws outside are clipped.
@@ -337,18 +337,18 @@ def curves_of(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int)
     --------
     >>> draws = np.random.default_rng(1).uniform(0.3, 0.6, (60, 12))
     >>> low, high = TrainingRange().lower, TrainingRange().upper
-    >>> asked = AskedInputs(low + (high - low) * draws, np.full(60, 0.2))
+    >>> asked = InputDraws(low + (high - low) * draws, np.full(60, 0.2))
     >>> asked.groups[:, 5:9] = [0.1172, 0.0, 0.0, 0.0]  # thickness, slack, mismatch, gravity
     >>> span = span_of(asked)
     >>> curves_of(asked, span, 4, seed=1)[:2] == curves_of(asked, span, 2, seed=1)
     True
     """
     chosen = np.random.default_rng(seed).permutation(len(asked.load))[:count]
-    places, loads = _inside(AskedInputs(asked.groups[chosen], asked.load[chosen]), span)
+    places, loads = _inside(InputDraws(asked.groups[chosen], asked.load[chosen]), span)
     return [_curve(place, load) for place, load in zip(places, loads, strict=True)]
 
 
-def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
+def curves_along(asked: InputDraws, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
     """Return curves at draws spread along the direction of largest variation.
 
     That is the direction of degradation. Along it, draws are divided into as many shares as curves,
@@ -360,7 +360,7 @@ def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: i
 
     Parameters
     ----------
-    asked : AskedInputs
+    asked : InputDraws
         Draws.
     span : TrainingRange
         Range of the emulator; draws outside are clipped.
@@ -377,7 +377,7 @@ def curves_along(asked: AskedInputs, span: TrainingRange, count: int, *, seed: i
     below = np.cumsum(asked.load[order])
     at = (np.arange(count) + generator.uniform(size=count)) / count
     chosen = order[np.searchsorted(below / below[-1], at)]
-    places, loads = _inside(AskedInputs(groups[chosen], asked.load[chosen]), span)
+    places, loads = _inside(InputDraws(groups[chosen], asked.load[chosen]), span)
     # shares by the golden ratio leave no gaps for any number
     begun, number = generator.uniform(), np.arange(count)
     short = SHORTEST + (1.0 - SHORTEST) * ((begun + GOLDEN * number) % 1.0)
@@ -393,7 +393,7 @@ SHORTEST = 0.06  # share of the largest load: below it curves follow their initi
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
-def _inside(asked: AskedInputs, span: TrainingRange) -> tuple[Floats, Floats]:
+def _inside(asked: InputDraws, span: TrainingRange) -> tuple[Floats, Floats]:
     """Return draws clipped to the range, and the loads to solve up to."""
     width = span.upper - span.lower
     unit = (np.clip(asked.groups, span.lower, span.upper) - span.lower) / np.where(width, width, 1)

@@ -52,7 +52,7 @@ from bayesdeg.emulator.campaign import (
     terms_below,
 )
 from bayesdeg.emulator.coordinates import coordinates
-from bayesdeg.emulator.local import AskedInputs
+from bayesdeg.emulator.local import InputDraws
 from bayesdeg.emulator.regression import (
     STEEPEST,
     Equations,
@@ -133,7 +133,7 @@ def refine(
     ground: Surrogate,
     curves: Sequence[Curve],
     samples: Sequence[PathSamples],
-    asked: AskedInputs,
+    asked: InputDraws,
     steepest: float = STEEPEST,
 ) -> Refinement:
     """Refine an emulator's curvature, bend angle, strains and limit by curves of its own mesh.
@@ -144,7 +144,7 @@ def refine(
         The emulator.
     curves, samples : sequences
         Curves where a posterior lies, and their solutions on the emulator's mesh.
-    asked : AskedInputs
+    asked : InputDraws
         All inputs used, in units of 1: the emulator's errors there are kept where the curves carry
         no information.
     steepest : float
@@ -377,7 +377,7 @@ def _ridge(matrix: Floats, values: Floats, weights: Floats) -> Floats:
     return found
 
 
-def _points_of(asked: AskedInputs) -> Floats:
+def _points_of(asked: InputDraws) -> Floats:
     """Return coordinates of all inputs used, at some shares of the largest loads, (n, 13)."""
     at = [np.column_stack([share * asked.load, asked.groups]) for share in SHARES]
     points = coordinates(np.vstack(at)).points

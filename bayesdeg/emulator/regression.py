@@ -284,7 +284,7 @@ def _offset_gradient(place: Place) -> Floats:
     gravity = [at.ALONG, at.UP]
     weight = np.hypot(*groups[gravity])
     if weight > 0.0:
-        out[gravity] = at.SAGGING * groups[gravity] / weight
+        out[gravity] = at.GRAVITY_STRAIN * groups[gravity] / weight
     return out
 
 

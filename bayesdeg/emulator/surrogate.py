@@ -34,8 +34,8 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.emulator.compiled_map import Rows, map_of_rows
 from bayesdeg.emulator.coordinates import (
     GIVE,
+    GRAVITY_STRAIN,
     LARGEST_WARPED,
-    SAGGING,
     SLACK,
     STRAIN,
     WARP,
@@ -301,7 +301,7 @@ def stretch_offset(groups: Floats) -> Floats:
     groups : array, shape (13, …)
         Groups in the order of ``NAMES``.
     """
-    weight = SAGGING * np.hypot(groups[_ALONG], groups[_UP])
+    weight = GRAVITY_STRAIN * np.hypot(groups[_ALONG], groups[_UP])
     offset: Floats = np.abs(groups[_MISMATCH]) + weight
     return offset
 
@@ -309,7 +309,7 @@ def stretch_offset(groups: Floats) -> Floats:
 def _constants() -> Floats:
     """Return the constants of the coordinates: terms are meaningless with different ones."""
     warp = [WARP.get(group.name, (0.0, 0.0)) for group in GROUPS]
-    return np.concatenate([np.ravel(warp), [LARGEST_WARPED, STRAIN, GIVE, SAGGING]])
+    return np.concatenate([np.ravel(warp), [LARGEST_WARPED, STRAIN, GIVE, GRAVITY_STRAIN]])
 
 
 def _are_parts(ranges: Floats) -> bool:

@@ -200,23 +200,23 @@ def not_refined(record: str) -> str:
     return json.dumps(json.loads(record) | {"refinement": None}, indent=1)
 
 
-def went_to_its_end(record: str) -> bool:
+def ended_with_refinement(record: str) -> bool:
     """Return whether training ended with a refinement, successful or not.
 
     Examples
     --------
-    >>> went_to_its_end("{}"), went_to_its_end(not_refined("{}"))
+    >>> ended_with_refinement("{}"), ended_with_refinement(not_refined("{}"))
     (False, True)
     """
     return "refinement" in json.loads(record)
 
 
-def is_fitted_as_now(record: str) -> bool:
+def is_current_fit(record: str) -> bool:
     """Return whether an emulator was fitted by the current method.
 
     Examples
     --------
-    >>> is_fitted_as_now("{}"), is_fitted_as_now(json.dumps({"fit_version": FIT_VERSION}))
+    >>> is_current_fit("{}"), is_current_fit(json.dumps({"fit_version": FIT_VERSION}))
     (False, True)
     """
     return bool(json.loads(record).get("fit_version") == FIT_VERSION)

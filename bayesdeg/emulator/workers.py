@@ -127,7 +127,7 @@ class WorkerProcesses(Executor):
         self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
     ) -> Future[T]:
         """Submit to the pool, or to a new one if a process of the old one died."""
-        with deaf_to_interrupts(), nullcontext() if self._import_main else main_hidden():
+        with block_sigint(), nullcontext() if self._import_main else main_hidden():
             try:
                 return self._pool.submit(function, *args, **kwargs)
             except BrokenProcessPool:
@@ -152,7 +152,7 @@ def _cores() -> int:
 
 
 @contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
+def block_sigint() -> Iterator[None]:
     """Make processes started in this context ignore Ctrl-C: this process ends them.
 
     They inherit blocked signals; a signal received meanwhile is handled afterwards.

@@ -17,7 +17,7 @@ from scipy.special import gammaln, logsumexp, stdtr, stdtrit
 
 from bayesdeg.inference.density import Density, Factors, bounds, continued, factors_of, guesses
 from bayesdeg.observations.noise import LOG_TWO_PI
-from bayesdeg.priors import Flat, Law, ParameterTable
+from bayesdeg.priors import Distribution, Flat, ParameterTable
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -202,12 +202,12 @@ def _steps(about: Expansion, free: Flags, table: ParameterTable) -> Floats:
     return steps / np.maximum(np.max(reach, axis=1, initial=0.0) / WIDEST, 1.0)[:, None]
 
 
-def _is_bent(law: Law) -> bool:
+def _is_bent(law: Distribution) -> bool:
     """Return whether the unconstrained scale of a law is a logarithm or a logit."""
     return float(law.log_jacobian(0.0)) != float(law.log_jacobian(1.0))
 
 
-def _width(law: Law) -> float:
+def _width(law: Distribution) -> float:
     """Return half the distance between the 16 % and 84 % quantiles of a prior, as sampled."""
     if isinstance(law, Flat):
         return 1.0

@@ -117,7 +117,7 @@ EFFORTS = {
 
 
 @dataclass(frozen=True)
-class Standing:
+class SamplerStatus:
     """State of sampling.
 
     Parameters
@@ -153,7 +153,7 @@ class Standing:
         Examples
         --------
         >>> effort = Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000)
-        >>> Standing(100, kept=50, effective=250.0, r_hat=1.02, times=5.0).steps_wanted(effort)
+        >>> SamplerStatus(100, kept=50, effective=250.0, r_hat=1.02, times=5.0).steps_wanted(effort)
         100.0
         """
         lacking = (
@@ -229,7 +229,7 @@ class Chain:
         time: Floats = ensembles * steps * walkers / self.effective()
         return time
 
-    def judged(self, standing: Standing, effort: Effort | None = None) -> Standing:
+    def judged(self, standing: SamplerStatus, effort: Effort | None = None) -> SamplerStatus:
         """Return a state with the diagnostics of the chain.
 
         With an effort, only the previously slowest parameters are checked while they do not meet
@@ -241,7 +241,7 @@ class Chain:
                 return some
         return self._worth(standing, range(self.vectors.shape[-1]))
 
-    def _worth(self, standing: Standing, which: Sequence[int]) -> Standing:
+    def _worth(self, standing: SamplerStatus, which: Sequence[int]) -> SamplerStatus:
         effective, r_hat = self.effective(which=which), self.r_hat(which)
         fewest, worst = int(np.argmin(effective)), int(np.argmax(r_hat))
         ensembles, steps, walkers, _ = self.vectors.shape
@@ -565,7 +565,7 @@ def _widened(density: Density, draws: Floats, generator: np.random.Generator) ->
     return possible
 
 
-__all__ = ["EFFORTS", "Chain", "Effort", "Standing", "sample"]
+__all__ = ["EFFORTS", "Chain", "Effort", "SamplerStatus", "sample"]
 
 
 # shares of the steps, from benchmarks/sampler_moves.py. Independent proposals are most efficient if
@@ -587,7 +587,7 @@ def sample(
     effort: Effort,
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
-    on_chunk: Callable[[Standing], None] | None = None,
+    on_chunk: Callable[[SamplerStatus], None] | None = None,
     store: ChainStore | None = None,
 ) -> Chain:
     """Sample a posterior with independent ensembles until the effort's criteria are met.
@@ -630,7 +630,7 @@ def sample(
         first, *others = seed.spawn(1 + effort.ensembles)
         begun = start_of(density, start, np.random.default_rng(first))
         positions = [_first(density, begun, child) for child in others]
-        proposal, asked, standing = begun.proposal, Refusals(), Standing()
+        proposal, asked, standing = begun.proposal, Refusals(), SamplerStatus()
         numbers, period = count(), 0
         while True:
             looks = effort.periods(settled=standing.settled)[period]
@@ -642,7 +642,7 @@ def sample(
                 for history, piece in zip(pieces, done, strict=True):
                     history.append(piece)
                 chain = _joined(pieces, asked)
-                standing = Standing(
+                standing = SamplerStatus(
                     standing.steps + look,
                     resumed=standing.resumed + resumed,
                     settled=standing.settled,
@@ -661,7 +661,7 @@ def sample(
             proposal, period = _fitted(chain, served=served), period + 1
 
 
-def _slow(standing: Standing, effort: Effort) -> bool:
+def _slow(standing: SamplerStatus, effort: Effort) -> bool:
     """Whether a settled law mixes so slowly that refitting is worth a period.
 
     Checked where the second period of an effort with unsettled moves would end.

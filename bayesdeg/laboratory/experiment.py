@@ -35,8 +35,8 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.laboratory.truth import (
     HiddenEffect,
     Truth,
-    alike_along,
     constants_of,
+    correlate_along,
     draw_specimens,
     noise,
     significant,
@@ -438,7 +438,7 @@ def _stretch(
     tests = _film_conditions(table, stretch, level, batches)
     column = stress[None, :, None]
     stress = applied("on_stress", column, tests, _acting(effects), constants[None])[0, :, 0]
-    z = alike_along(
+    z = correlate_along(
         stretch,
         generator.standard_normal(stress.shape),
         specimen=[f"{name} {kind}" for name, kind in zip(table["specimen_id"], mode, strict=True)],
@@ -871,7 +871,7 @@ def _normals(
     steps = rows["pressure_kPa"].groupby(specimen, sort=False).diff().abs().fillna(0.0)
     place = steps.groupby(specimen, sort=False).cumsum().to_numpy(np.float64)
     z, u = (
-        alike_along(
+        correlate_along(
             place,
             generator.standard_normal(len(rows)),
             specimen=specimen.to_numpy(str),

@@ -213,7 +213,7 @@ def credit(answer: HiddenAnswer, truth: HiddenTruth) -> float:
     return is_right(answer, truth) / max(len(said_by(answer)), 1)
 
 
-def says_false(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
+def names_absent_cause(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
     """Return whether every combination contains a cause that is not hidden, a false repair."""
     allowed = said_by(answer)
     return bool(allowed) and not any(one <= set(truth.hidden) for one in allowed)
@@ -330,12 +330,15 @@ def _shares(pairs: Sequence[Pair]) -> Iterator[ScoredShare]:
         _part("two_alone", "both named alone, of two causes", both, _alone),
         _part("two_plain_right", "right, of two causes of 5 sd and more each", shown, is_right),
         _part(
-            "said_false", "a cause said that is not hidden, whichever is drawn", pairs, says_false
+            "said_false",
+            "a cause said that is not hidden, whichever is drawn",
+            pairs,
+            names_absent_cause,
         ),
         _part("none_adequate", "adequate, where nothing is hidden", none, is_right),
-        _part("none_said", "causes said where nothing is hidden", none, says_false),
+        _part("none_said", "causes said where nothing is hidden", none, names_absent_cause),
         _part("outside_unexplained", "unexplained, of effects without entry", outside, is_right),
-        _part("outside_said", "causes said for effects without entry", outside, says_false),
+        _part("outside_said", "causes said for effects without entry", outside, names_absent_cause),
         _part("of_several", "a set of several said", pairs, _of_several),
         _part("none_rejected", "p of 0.05 and less where nothing is hidden", tested, _rejected),
     )

@@ -437,7 +437,7 @@ def noise(value: Floats, z: Floats, *, floor: float | Floats, share: float) -> F
     return np.hypot(floor, share * value) * z
 
 
-def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: float) -> Floats:
+def correlate_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: float) -> Floats:
     r"""Correlate independent normals along each specimen's path, like reading errors.
 
     The correlation of two readings i ≠ j of a specimen is (1 − w) exp(−|s_i − s_j|/ℓ), by the
@@ -461,7 +461,7 @@ def alike_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length: fl
     Examples
     --------
     >>> at, z = np.array([0.0, 1e9]), np.array([1.0, 3.0])
-    >>> alike_along(at, z, specimen=["a", "a"], length=1.0).round(3).tolist()
+    >>> correlate_along(at, z, specimen=["a", "a"], length=1.0).round(3).tolist()
     [1.0, 3.0]
     """
     if length == 0.0:

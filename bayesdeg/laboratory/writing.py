@@ -15,7 +15,7 @@ from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VIRTUAL_TABLES, VirtualExperiment
-from bayesdeg.priors import LAWS, Law
+from bayesdeg.priors import LAWS, Distribution
 from bayesdeg.records import FileRecord, Numbers, Record, Scalar, Text
 
 TRUTH_FILE = "truth.json"
@@ -187,7 +187,7 @@ def _holds(record: Settings | AnyDimensions | MixtureRecipe | VendorFigures, nam
     return is_family or name in {entry.name for entry in fields(record) if not entry.metadata}
 
 
-def _plain_law(law: Law) -> dict[str, object]:
+def _plain_law(law: Distribution) -> dict[str, object]:
     [name] = [name for name, kind in LAWS.items() if type(law) is kind]
     return {"law": name} | _changed(law)
 

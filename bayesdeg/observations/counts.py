@@ -26,7 +26,7 @@ from bayesdeg.causes.cause import Conditions
 from bayesdeg.material.degradation import levels
 from bayesdeg.material.strength import Strength
 from bayesdeg.observations.arrays import chosen
-from bayesdeg.observations.curvature import ActuatorCurves, inputs_met, parts_of
+from bayesdeg.observations.curvature import ActuatorCurves, mechanics_inputs, parts_of
 from bayesdeg.observations.kinds import Observations, Parts, Rows, State
 from bayesdeg.observations.noise import event_signal
 from bayesdeg.observations.rupture import strength_of
@@ -180,7 +180,7 @@ def demand_of(state: State[FilmsAndActuators], tests: CountedTests) -> Demand:
     """Return the stretch demanded of the actuators of each level at the largest pressure."""
     spread = state.once(parts_of, tests).spread
     deviation = np.sqrt(spread)[..., None] * STIFFNESS_NODES
-    prediction = state.world.answer(inputs_met(state, tests, deviation), state.values)
+    prediction = state.world.answer(mechanics_inputs(state, tests, deviation), state.values)
     answered = prediction.status == 0
     stretch = np.where(answered, prediction.peak_stretch, np.nan)
     mean = answered[..., len(STIFFNESS_NODES) // 2]

@@ -489,7 +489,7 @@ class AtPressures(Protocol):
     def conditions(self) -> Conditions: ...  # noqa: D102
 
 
-def believed_degradation(state: State[FilmsAndActuators], data: AtPressures) -> Degradation:
+def estimated_degradation(state: State[FilmsAndActuators], data: AtPressures) -> Degradation:
     """Return estimated degradation rates and their standard errors [%], each (n, n_specimens)."""
     recorded = Degradation(data.degradation, data.degradation_sd)
     believed = applied("on_degradation", recorded, data.conditions, state.acting())
@@ -507,7 +507,7 @@ class ActuatorMaterial(NamedTuple):
 
 def parts_of(state: State[FilmsAndActuators], data: AtPressures) -> ActuatorMaterial:
     """Return the actuators' material."""
-    believed = state.once(believed_degradation, data)
+    believed = state.once(estimated_degradation, data)
     material = state.world.material(state.values, shared(believed.value))
     return ActuatorMaterial(material, stiffness_spread(state.values, material, believed.sd))
 
@@ -517,7 +517,9 @@ def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Fl
     return _readings(data, state.values, *_predictions(state, data, deviation))
 
 
-def inputs_met(state: State[FilmsAndActuators], data: AtPressures, deviation: Floats) -> Inputs:
+def mechanics_inputs(
+    state: State[FilmsAndActuators], data: AtPressures, deviation: Floats
+) -> Inputs:
     """Return the inputs of the mechanics under causes.
 
     Parameters
@@ -557,7 +559,7 @@ def _predictions(
     Without the criterion's strain measure, which takes as long as the rest, the peak stretch is
     that of the forward map.
     """
-    causes, met = state.acting(), inputs_met(state, data, deviation)
+    causes, met = state.acting(), mechanics_inputs(state, data, deviation)
     world = state.world
     answer = world.answer(met, state.values) if with_strain else world.forward(met)
     mechanics = _with_common_error(state, data, answer)

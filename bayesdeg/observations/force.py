@@ -47,7 +47,7 @@ from bayesdeg.data.tables import (
     of_actuators,
 )
 from bayesdeg.errors import BayesdegError, Fault, StudyError
-from bayesdeg.observations.curvature import actuator_parameters, inputs_met, parts_of
+from bayesdeg.observations.curvature import actuator_parameters, mechanics_inputs, parts_of
 from bayesdeg.observations.kinds import State
 from bayesdeg.observations.noise import Linearised
 from bayesdeg.observations.pressures import ReadAtPressures, pressure_tests
@@ -122,7 +122,7 @@ def blocked_force(inputs: Inputs, mould: Dimensions) -> tuple[Floats, Floats]:
 def _forces(state: State[FilmsAndActuators], data: "TipForce") -> Linearised:
     """Linearise forces, smooth in the specimens' ln stiffness, at zero deviation."""
     values, parts = state.values, state.once(parts_of, data.tests)
-    met = inputs_met(state, data.tests, np.zeros((*parts.spread.shape, 1)))
+    met = mechanics_inputs(state, data.tests, np.zeros((*parts.spread.shape, 1)))
     mean, slope = (
         values["force_gain"][:, None, None] * one for one in blocked_force(met, data.mould)
     )
@@ -250,7 +250,7 @@ def _held_forces(state: State[FilmsAndActuators], data: HeldTip) -> Linearised:
     F = C1 f(p/C1), so its derivative by ln stiffness is F − p ∂F/∂p.
     """
     values, parts = state.values, state.once(parts_of, data.tests)
-    met = inputs_met(state, data.tests, np.zeros((*parts.spread.shape, 1)))
+    met = mechanics_inputs(state, data.tests, np.zeros((*parts.spread.shape, 1)))
     found = state.world.forward(replace(met, asked=data.asks)).further
     if found is None:
         raise BayesdegError("the forward map of this model does not predict tip forces")

@@ -14,8 +14,8 @@ from bayesdeg.observations.curvature import (
     ActuatorCurves,
     AtPressures,
     Curvature,
-    believed_degradation,
     draw_readings,
+    estimated_degradation,
     linearise_actuators,
     log_density,
 )
@@ -30,7 +30,7 @@ Flags = NDArray[np.bool_]
 
 def strength_of(state: State[FilmsAndActuators], data: AtPressures) -> Strength:
     """Return the elongation limit of the actuators, (n, n_specimens)."""
-    values, believed = state.values, state.once(believed_degradation, data)
+    values, believed = state.values, state.once(estimated_degradation, data)
     level, world = believed.value, state.world
     slope = world.elongation_slope(values, shared(level))
     spread = elongation_spread(values, slope, believed.sd)

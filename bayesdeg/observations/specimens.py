@@ -26,7 +26,15 @@ from bayesdeg.material.degradation import (
 )
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.material.strength import ScatterLaw
-from bayesdeg.priors import HalfNormal, Law, LogNormal, Named, Parameter, TruncatedNormal, Uniform
+from bayesdeg.priors import (
+    Distribution,
+    HalfNormal,
+    LogNormal,
+    Named,
+    Parameter,
+    TruncatedNormal,
+    Uniform,
+)
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -170,7 +178,7 @@ COURSE = (
 """Parameters of the course of degradation in films, see `bayesdeg.inference.course`."""
 
 
-def _nearest(laws: Mapping[float, Law], node: float) -> Law:
+def _nearest(laws: Mapping[float, Distribution], node: float) -> Distribution:
     return laws[min(laws, key=lambda known: abs(known - node))]
 
 

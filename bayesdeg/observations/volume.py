@@ -33,8 +33,8 @@ from bayesdeg.observations.curvature import (
     ActuatorCurves,
     Curvature,
     draw_readings,
-    inputs_met,
     linearise_actuators,
+    mechanics_inputs,
     parts_of,
 )
 from bayesdeg.observations.kinds import Deviations, Observations, State
@@ -176,7 +176,7 @@ def answered_volumes(
     deviation : array, shape (n, n_specimens, 1)
         Of each specimen's ln stiffness.
     """
-    met = inputs_met(state, tests, deviation)
+    met = mechanics_inputs(state, tests, deviation)
     return state.world.forward(replace(met, asked=CavityVolume.asks)).further
 
 

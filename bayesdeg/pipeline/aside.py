@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.checks.suspects import Oddity, Suspect
+from bayesdeg.criticism.checks.suspects import Anomaly, Suspect
 from bayesdeg.data.study import Study
 from bayesdeg.data.unused import Unused, Why, unused_of
 from bayesdeg.inference.model import JointModel
@@ -16,7 +16,7 @@ from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.kinds import Places
 from bayesdeg.observations.tensile import FILM
 
-BY_READING = (Oddity.READING, Oddity.JUMP, Oddity.CUT_OFF, Oddity.EDGE)
+BY_READING = (Anomaly.READING, Anomaly.JUMP, Anomaly.CUT_OFF, Anomaly.EDGE)
 READ = ("curvature_per_m", "bend_angle_deg")
 TABLES = {ACTUATOR: "actuator", FILM: "tensile"}
 """Tables by family of readings; suspects in other tables are reported but not set aside."""
@@ -27,7 +27,7 @@ FILES = {"actuator.csv": "actuator", "tensile.csv": "tensile"} | dict.fromkeys(
 
 
 @dataclass(frozen=True)
-class Aside:
+class Exclusion:
     """The data excluded because of one suspect.
 
     Parameters
@@ -55,25 +55,25 @@ class Aside:
     is_without_rows: bool = False
 
 
-def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Aside, ...]:
+def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Exclusion, ...]:
     """Return the data to exclude because of the suspects of a model."""
     return tuple(_aside(model.places, suspect) for suspect in found)
 
 
-def _aside(places: Places, suspect: Suspect) -> Aside:
+def _aside(places: Places, suspect: Suspect) -> Exclusion:
     one = suspect.hypothesis
     table = TABLES.get(str(places.family[np.argmax(one.rows)]), "")
     if one.oddity in BY_READING:
-        return Aside(suspect, table, one.specimens, readings_at(places, one.rows))
+        return Exclusion(suspect, table, one.specimens, readings_at(places, one.rows))
     family = places.family == places.family[np.argmax(one.rows)]
     total = len(np.unique(places.specimen[family]))
-    return Aside(suspect, table, one.specimens, (), is_out=2 * len(one.specimens) <= total)
+    return Exclusion(suspect, table, one.specimens, (), is_out=2 * len(one.specimens) <= total)
 
 
 def readings_at(
     places: Places, rows: NDArray[np.bool_]
 ) -> tuple[tuple[str, float, str, float], ...]:
-    """Return the readings in some rows of the observations, as `Aside` names them."""
+    """Return the readings in some rows of the observations, as `Exclusion` names them."""
     keys = {
         (
             str(places.specimen[i]),
@@ -86,7 +86,7 @@ def readings_at(
     return tuple(sorted(keys))
 
 
-def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
+def set_aside(study: Study, aside: Iterable[Exclusion]) -> Study:
     """Return a study without the excluded data.
 
     Specimens are removed from their table. For single readings of actuators the row stays with an
@@ -101,7 +101,7 @@ def set_aside(study: Study, aside: Iterable[Aside]) -> Study:
     return replace(study, **changed)
 
 
-def is_set_aside(table: pd.DataFrame, aside: Iterable[Aside]) -> NDArray[np.bool_]:
+def is_set_aside(table: pd.DataFrame, aside: Iterable[Exclusion]) -> NDArray[np.bool_]:
     """Return a mask of the excluded rows of a table, (n_rows,)."""
     specimen, found = table["specimen_id"].astype(str), np.zeros(len(table), dtype=bool)
     for one in aside:
@@ -113,14 +113,14 @@ def is_set_aside(table: pd.DataFrame, aside: Iterable[Aside]) -> NDArray[np.bool
     return found
 
 
-def unused_rows(study: Study, whole: Study, aside: Iterable[Aside]) -> tuple[Unused, ...]:
+def unused_rows(study: Study, whole: Study, aside: Iterable[Exclusion]) -> tuple[Unused, ...]:
     """Return the rows of a study's files that no likelihood uses.
 
     Parameters
     ----------
     study, whole : Study
         Without and with what is set aside.
-    aside : iterable of Aside
+    aside : iterable of Exclusion
         In the order in which they were.
     """
     found, left = list(study.unused), {name: whole.table(name) for name in TABLES.values()}
@@ -136,7 +136,7 @@ def unused_rows(study: Study, whole: Study, aside: Iterable[Aside]) -> tuple[Unu
     return tuple(found)
 
 
-def _without(table: pd.DataFrame, one: Aside) -> pd.DataFrame:
+def _without(table: pd.DataFrame, one: Exclusion) -> pd.DataFrame:
     wrong = is_set_aside(table, [one])
     if one.table == "tensile" or not one.readings or one.is_without_rows:
         return table[~wrong].reset_index(drop=True)

@@ -23,7 +23,7 @@ from bayesdeg.causes.fold import with_causes
 from bayesdeg.data import readings as files
 from bayesdeg.data.batches import recorded_batches
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
-from bayesdeg.data.settings import OwnForward
+from bayesdeg.data.settings import UserForward
 from bayesdeg.data.study import CAUSES, Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import refuse_lacking, surrogate_for
@@ -33,12 +33,12 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.kinds import ROUNDING
 from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
-from bayesdeg.pipeline.aside import Aside
+from bayesdeg.pipeline.aside import Exclusion
 from bayesdeg.pipeline.formula import (
     FOR_ARRAYS,
     Forward,
-    OwnMap,
     Readings,
+    UserMap,
     answers_of,
     is_for_numbers,
     probe,
@@ -69,19 +69,19 @@ class Assembly:
     alike : tuple of Cause
         Those of the unjudged that act on the films of a study without actuators, and that these
         films cannot tell from another form of the law, nor from each other.
-    own : OwnMap, optional
+    own : UserMap, optional
         A forward map of the user's own, where the study is of no films and actuators.
     counts : RuptureCounts, optional
         How many of the actuators of others burst.
     of_counts : tuple of Cause
         Causes that such counts may show.
-    aside : tuple of Aside
+    aside : tuple of Exclusion
         Specimens and readings that were set aside, since they do not belong with the rest.
     batches : dict of str to str
         The batch of each specimen of which one is recorded.
     study, whole : Study, optional
         What is left of the study, and the study with all of it, where something was.
-    beyond : tuple of Aside
+    beyond : tuple of Exclusion
         Readings that were set aside since no curve goes so far.
     """
 
@@ -90,14 +90,14 @@ class Assembly:
     unjudged: dict[str, str]
     missing: tuple[tuple[str, str], ...]
     alike: tuple[Cause, ...] = ()
-    own: OwnMap | None = None
+    own: UserMap | None = None
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
-    aside: tuple[Aside, ...] = ()
+    aside: tuple[Exclusion, ...] = ()
     batches: dict[str, str] = field(default_factory=dict)
     study: Study | None = None
     whole: Study | None = None
-    beyond: tuple[Aside, ...] = ()
+    beyond: tuple[Exclusion, ...] = ()
 
     @cached_property
     def answers(self) -> ForwardMapEntry | None:
@@ -133,7 +133,7 @@ class Assembly:
 
 
 def assemble_own(
-    own: OwnMap, parameters: Iterable[Parameter], candidates: Iterable[Cause] = ()
+    own: UserMap, parameters: Iterable[Parameter], candidates: Iterable[Cause] = ()
 ) -> Assembly:
     """Build the base model of readings and a user's forward map.
 
@@ -155,7 +155,7 @@ def _assemble_study(study: Study) -> Assembly:
     StudyError
         If code of the study fails, or a prior or a cause does not exist.
     """
-    own, causes, stated = own_map(study), own_causes(study), study.settings
+    own, causes, stated = user_map(study), own_causes(study), study.settings
     assert stated.forward is not None
     try:
         base = own.model(stated.forward.parameters)
@@ -330,7 +330,7 @@ class Code:
         return replace(self.fault(error, what), problem=problem, remedy=remedy)
 
 
-def own_map(study: Study) -> OwnMap:
+def user_map(study: Study) -> UserMap:
     """Return the readings of a study with the function that predicts them.
 
     Raises
@@ -349,10 +349,10 @@ def own_map(study: Study) -> OwnMap:
         place = (None, "forward.function", forward.function)
         raise StudyError([Fault(SETTINGS_FILE, problem, remedy, *place)])
     called: Forward = code.watched(functions[name], name)
-    return OwnMap((_own_readings(study, forward),), {forward.reading: called}, forward.function)
+    return UserMap((_own_readings(study, forward),), {forward.reading: called}, forward.function)
 
 
-def _own_readings(study: Study, forward: OwnForward) -> Readings:
+def _own_readings(study: Study, forward: UserForward) -> Readings:
     table = study.others[files.NAME]
 
     def given(name: str, default: Any) -> Any:

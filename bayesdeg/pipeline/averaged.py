@@ -15,7 +15,7 @@ from scipy.special import softmax
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.decide.counted import COMMON_FACTOR
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
@@ -84,7 +84,7 @@ class _Other(NamedTuple):
 
     causes: tuple[str, ...]
     log_factor: float
-    trial: Trial
+    trial: CandidateFit
 
 
 def _others(judgement: Judgement) -> Iterator[_Other]:
@@ -114,7 +114,7 @@ def _replaced(causes: tuple[str, ...], one: str, rival: str) -> tuple[str, ...]:
 def _drawn(
     whole: JointModel,
     final: Fit,
-    trial: Trial | None,
+    trial: CandidateFit | None,
     causes: tuple[str, ...],
     count: int,
     generator: np.random.Generator,

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.reading import mechanics_of
-from bayesdeg.criticism.fit.trials import Trial, base_trial
+from bayesdeg.criticism.fit.trials import CandidateFit, base_trial
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.density import Density
@@ -21,12 +21,12 @@ from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, Laplace, approximate
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.modes import find_modes
-from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing, sample
+from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, SamplerStatus, sample
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report.checkpoints import Pieces, Stages
 
 
-def steps_left(standing: Standing, effort: Effort) -> float:
+def steps_left(standing: SamplerStatus, effort: Effort) -> float:
     """Return the estimated number of remaining steps, at most to the limit; nan if unknown.
 
     A new period starts with no kept steps, so the criteria may be met only in a later one.
@@ -34,9 +34,9 @@ def steps_left(standing: Standing, effort: Effort) -> float:
     Examples
     --------
     >>> effort = Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000)
-    >>> steps_left(Standing(100, kept=50, effective=250.0, r_hat=1.02, times=5.0), effort)
+    >>> steps_left(SamplerStatus(100, kept=50, effective=250.0, r_hat=1.02, times=5.0), effort)
     50.0
-    >>> steps_left(Standing(100, kept=50, effective=200.0, r_hat=1.03, times=5.0), effort)
+    >>> steps_left(SamplerStatus(100, kept=50, effective=200.0, r_hat=1.03, times=5.0), effort)
     250.0
     """
     wanted, done = standing.steps_wanted(effort), 0
@@ -68,7 +68,7 @@ class Pace:
 
     began: float = field(default_factory=time.perf_counter)
 
-    def left(self, standing: Standing, effort: Effort) -> float:
+    def left(self, standing: SamplerStatus, effort: Effort) -> float:
         """Return the remaining seconds; nan if not known yet."""
         computed = standing.steps - standing.resumed
         if computed == 0:
@@ -231,7 +231,7 @@ class _Shown:
         self._pace, self._shown = Pace(), 0.0
         progress.stage(f"{name}: sampling", total=100.0)
 
-    def __call__(self, standing: Standing) -> None:
+    def __call__(self, standing: SamplerStatus) -> None:
         left = steps_left(standing, self._effort)
         # while the moves are fitted, the remaining work is unknown, not zero
         share = 0.0 if np.isnan(left) else 100.0 * standing.steps / (standing.steps + left)
@@ -239,7 +239,7 @@ class _Shown:
         self._shown += done
         self._progress.advance(done, "; ".join(part for part in self._notes(standing) if part))
 
-    def _notes(self, standing: Standing) -> Iterator[str]:
+    def _notes(self, standing: SamplerStatus) -> Iterator[str]:
         if self._store.damaged:
             names = ", ".join(path.name for path in self._store.damaged)
             yield f"damaged, computed again: {names}"
@@ -291,7 +291,7 @@ def awake() -> None:
     """Do nothing: makes a worker process import what calibrations need."""
 
 
-def base_of(fit: Fit) -> Trial:
+def base_of(fit: Fit) -> CandidateFit:
     """Return the base trial of a calibrated model.
 
     Parameters
@@ -303,7 +303,7 @@ def base_of(fit: Fit) -> Trial:
     return _trial(fit.model, fit.laplace, known if _enough(known) else _of_chain(known, fit.chain))
 
 
-def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> Trial:
+def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> CandidateFit:
     """Fit a base model as far as its verdict needs; sample a chain only if it is used.
 
     Parameters
@@ -322,7 +322,7 @@ def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> Trial
     return _trial(model, laplace, known)
 
 
-def _trial(model: JointModel, laplace: Laplace, posterior: Evidence) -> Trial:
+def _trial(model: JointModel, laplace: Laplace, posterior: Evidence) -> CandidateFit:
     return base_trial(model, laplace.mode, posterior)
 
 

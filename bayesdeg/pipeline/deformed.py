@@ -26,7 +26,7 @@ from bayesdeg.actuator.status import COARSE, PathEffort, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.uncertain import PREFIX, dimensions_among
-from bayesdeg.emulator.workers import deaf_to_interrupts, end_with_parent
+from bayesdeg.emulator.workers import block_sigint, end_with_parent
 from bayesdeg.errors import GeometryError
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Listener
@@ -291,7 +291,7 @@ def compile_beside() -> None:
     """Compile the kernels in a separate, low-priority process, unless already done."""
     if not is_compiled(Path(kernels.solid.stats.cache_path)):
         context = multiprocessing.get_context("spawn")
-        with deaf_to_interrupts():
+        with block_sigint():
             context.Process(target=compile_kernels, daemon=True).start()
 
 

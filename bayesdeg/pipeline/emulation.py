@@ -24,18 +24,18 @@ from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Backend, Resolution, Status
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.campaign import Finished, Solution, build, complete, missing, runs
 from bayesdeg.emulator.coordinates import Batch
 from bayesdeg.emulator.kept import Recipe, duration
-from bayesdeg.emulator.local import AskedInputs, LocalDesign, layer_units
+from bayesdeg.emulator.local import InputDraws, LocalDesign, layer_units
 from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, Units, groups_of
 from bayesdeg.emulator.solutions import ANSWERS, Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.workers import Supervised
 from bayesdeg.inference.model import JointModel, share_outside
-from bayesdeg.observations.curvature import AtPressures, Curvature, inputs_met, parts_of
+from bayesdeg.observations.curvature import AtPressures, Curvature, mechanics_inputs, parts_of
 from bayesdeg.observations.force import HeldTip
 from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import Assembly, assemble
@@ -315,7 +315,7 @@ def endings(campaign: Campaign) -> list[tuple[Run, Status]]:
     return [(run, solution.status) for run, solution in solved if solution is not None]
 
 
-def asked_of(study: Study, seed: int) -> AskedInputs:
+def asked_of(study: Study, seed: int) -> InputDraws:
     """Return draws of the inputs that a study's models need from its forward map.
 
     The material is drawn from its posterior given all data but the actuator readings, causes from
@@ -344,7 +344,7 @@ class AskedAfterwards:
 
     Parameters
     ----------
-    asked : AskedInputs
+    asked : InputDraws
         Draws of the posterior, with causes drawn from their priors.
     outside : float
         Share of the posterior outside the range of this emulator but not beyond that of all, which
@@ -356,15 +356,15 @@ class AskedAfterwards:
         95th percentile over the posterior's curves of the standard error of their curvature, less
         that of the mesh, over the largest of each; of the cavity's volume or of
         the tip force where that is larger, if it is asked for [%].
-    base : Trial
+    base : CandidateFit
         The base model as it was calibrated.
     """
 
-    asked: AskedInputs
+    asked: InputDraws
     outside: float
     unanswered: float
     error_pct: float
-    base: Trial
+    base: CandidateFit
 
 
 def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterwards:
@@ -404,7 +404,7 @@ def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
     missed, whole = np.zeros(len(known), dtype=bool), TrainingRange()
     for one in model.of_kind(Curvature):
         off = np.zeros_like(one.deviation_sd(state))
-        inputs = surrogate.units.inputs(inputs_met(state, one.curves, off))
+        inputs = surrogate.units.inputs(mechanics_inputs(state, one.curves, off))
         own, all_ = (Batch.of(inputs, span).in_range(span) for span in (surrogate.span, whole))
         missed |= np.any(all_ & ~own & one.curves.mask, axis=(-2, -1))
     return float(np.mean(missed))
@@ -419,7 +419,7 @@ def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
     state = model.tests(model.table.named(known))
     shares = []
     for one in model.of_kind(Curvature):
-        inputs = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+        inputs = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
         for asked in dict.fromkeys((one.asks, *(other.asks for other in model.observations))):
             found = exact.continued(replace(inputs, asked=asked))
             pair = (found.sd, found.curvature)
@@ -439,9 +439,9 @@ def _sets(causes: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
 
 def asked_by(
     assembly: Assembly, known: Floats, generator: np.random.Generator, units: Units
-) -> AskedInputs:
+) -> InputDraws:
     """Return the inputs for all sets of causes, at draws of the base model and of priors."""
-    return AskedInputs.joined(
+    return InputDraws.joined(
         [
             part
             for causes in _sets(assembly.candidates)
@@ -452,7 +452,7 @@ def asked_by(
 
 def asked_of_model(
     model: JointModel, known: Floats, generator: np.random.Generator, units: Units
-) -> Iterator[AskedInputs]:
+) -> Iterator[InputDraws]:
     """Yield the inputs of each of a model's kinds of actuator readings at draws.
 
     Parameters
@@ -475,10 +475,10 @@ def asked_of_model(
         for one in tests:
             sd = np.sqrt(state.once(parts_of, one).spread)[..., None]
             off = np.clip(generator.standard_normal(sd.shape), -OFF, OFF) * sd
-            yield _flat(groups_of(units.inputs(inputs_met(state, one, off))))
+            yield _flat(groups_of(units.inputs(mechanics_inputs(state, one, off))))
 
 
-def _flat(given: dict[str, Floats]) -> AskedInputs:
+def _flat(given: dict[str, Floats]) -> InputDraws:
     load = given.pop(LOAD)
     shape = np.broadcast_shapes(load.shape, *(value.shape for value in given.values()))
     count = int(np.prod(shape[:-1]))
@@ -495,4 +495,4 @@ def _flat(given: dict[str, Floats]) -> AskedInputs:
     )
     # a material outside all laws is never evaluated
     known = np.isfinite(largest) & np.all(np.isfinite(groups), axis=1)
-    return AskedInputs(groups[known], largest[known])
+    return InputDraws(groups[known], largest[known])

@@ -17,7 +17,7 @@ from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.residuals import predict_readings
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
@@ -33,7 +33,7 @@ from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
 from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.forecast import NO_COURSE
-from bayesdeg.pipeline.formula import OwnMap, cause_of, probe
+from bayesdeg.pipeline.formula import UserMap, cause_of, probe
 from bayesdeg.pipeline.judge import Judgement, extended_model, with_sampled_sizes
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.posterior import Posterior
@@ -111,7 +111,7 @@ class ModelledExperiment:
     @classmethod
     def of_readings(
         cls,
-        own: OwnMap,
+        own: UserMap,
         parameters: Iterable[Parameter],
         catalogue: Iterable[Cause],
         active: Iterable[Cause | str],
@@ -138,7 +138,7 @@ class ModelledExperiment:
         return found
 
     @property
-    def own(self) -> OwnMap | None:
+    def own(self) -> UserMap | None:
         """The user's forward map, if any."""
         return self.assembly.own
 
@@ -288,7 +288,7 @@ class ModelledExperiment:
         doubted = dict(in_doubt(self.study, results)) | {"left_out": guard.entries()}
         return verdict_of(results, residual, "", guard).model_copy(update=doubted), judgement
 
-    def trial(self, fit: Fit) -> Trial:
+    def trial(self, fit: Fit) -> CandidateFit:
         """Return the calibration in a form from which groups of readings can be held out."""
         return base_of(fit)
 

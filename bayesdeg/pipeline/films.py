@@ -30,7 +30,7 @@ from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction.soil import Soil
-from bayesdeg.priors import Law
+from bayesdeg.priors import Distribution
 from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import worded
@@ -179,7 +179,7 @@ def _orders(model: JointModel, seed: np.random.SeedSequence) -> OrderComparison 
 
 
 def _laws(
-    films: tuple[Tensile, ...], priors: dict[str, Law], used: MaterialLaw
+    films: tuple[Tensile, ...], priors: dict[str, Distribution], used: MaterialLaw
 ) -> LawComparison | None:
     """Compare material laws; None without films."""
     if not films:

@@ -20,7 +20,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.observations import readings as flat
 from bayesdeg.observations.kinds import Places, Scale, joined_places
 from bayesdeg.observations.readings import Formula, places_of
-from bayesdeg.priors import HalfNormal, Law, Named, Parameter
+from bayesdeg.priors import Distribution, HalfNormal, Named, Parameter
 from bayesdeg.report.record import ForwardMapEntry, MapNoiseEntry
 
 Floats = NDArray[np.float64]
@@ -58,11 +58,11 @@ class Readings:
         reading is of a specimen of its own.
     name, unit : str
         What was read, and its unit.
-    error : float, array, Law, Parameter or None
+    error : float, array, Distribution, Parameter or None
         Standard deviation of a reading: known, with a prior of its own, or, by default, a parameter
         ``<name>_error`` with the prior HalfNormal(sd(y)/2), 95 % of which lies below the standard
         deviation of all readings, which a model that explains nothing would leave as error.
-    scatter : bool or Law
+    scatter : bool or Distribution
         Whether specimens differ: a parameter ``<name>_scatter``, the standard deviation by which
         all readings of a specimen are shifted together; its default prior is that of the error.
     level, time, history : array, optional
@@ -87,8 +87,8 @@ class Readings:
     specimen: Any = None
     name: str = "reading"
     unit: str = "–"
-    error: float | ArrayLike | Law | Parameter | None = None
-    scatter: bool | Law = False
+    error: float | ArrayLike | Distribution | Parameter | None = None
+    scatter: bool | Distribution = False
     level: Any = 0.0
     time: Any = np.nan
     history: Any = "once"
@@ -124,26 +124,26 @@ class Readings:
         found = []
         if isinstance(self.error, Parameter):
             found.append(self.error)
-        elif self.error is None or isinstance(self.error, Law):
+        elif self.error is None or isinstance(self.error, Distribution):
             meaning = f"reading error of {self.name}, standard deviation"
-            law = self.error if isinstance(self.error, Law) else self._default()
+            law = self.error if isinstance(self.error, Distribution) else self._default()
             found.append(Parameter(f"{self.name}_error", law, self.unit, meaning))
         if self.scatter is not False:
             meaning = f"specimen-to-specimen shift of {self.name}, standard deviation"
-            law = self.scatter if isinstance(self.scatter, Law) else self._default()
+            law = self.scatter if isinstance(self.scatter, Distribution) else self._default()
             found.append(Parameter(f"{self.name}_scatter", law, self.unit, meaning))
         return tuple(found)
 
     @property
     def _has_error_parameter(self) -> bool:
-        return isinstance(self.error, (Law, Parameter))
+        return isinstance(self.error, (Distribution, Parameter))
 
     def parameter_of(self, what: str) -> str:
         """Return the name of the parameter of ``error`` or ``scatter``."""
         given = getattr(self, what)
         return given.name if isinstance(given, Parameter) else f"{self.name}_{what}"
 
-    def _default(self) -> Law:
+    def _default(self) -> Distribution:
         spread = float(np.std(self.y))
         if spread == 0.0:
             raise BayesdegError(
@@ -202,7 +202,7 @@ class _Asked:
 
 
 @dataclass(frozen=True, eq=False)
-class OwnMap:
+class UserMap:
     """Readings, and the functions that predict them.
 
     Parameters
@@ -224,7 +224,7 @@ class OwnMap:
         cls,
         readings: Readings | Iterable[Readings],
         forward: Forward | Mapping[str, Forward] | None,
-    ) -> "OwnMap":
+    ) -> "UserMap":
         """Check that readings and forward map match.
 
         Raises

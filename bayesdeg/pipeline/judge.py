@@ -63,9 +63,9 @@ from bayesdeg.criticism.experiments.ranking import (
 from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.fit.side_by_side import later
-from bayesdeg.criticism.fit.trials import DECIDING, Trial, try_causes
+from bayesdeg.criticism.fit.trials import DECIDING, CandidateFit, try_causes
 from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
-from bayesdeg.criticism.holdout.leaving_out import carried_out, in_folds
+from bayesdeg.criticism.holdout.leaving_out import in_folds, run_folds
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
@@ -382,7 +382,7 @@ def levels_out(
     if not names or fold.max() < 1:
         return {}
     plans = [in_folds(search.trials[one], fold, seed) for one in (BASE, names)]
-    found = carried_out(plans, executor)
+    found = run_folds(plans, executor)
     return {label(one): held_out for one, held_out in zip((BASE, names), found, strict=True)}
 
 
@@ -472,7 +472,7 @@ def judge_model(
 
 def judge(
     catalogue: Catalogue | Assembly,
-    base: Trial,
+    base: CandidateFit,
     *,
     effort: SearchEffort,
     seed: np.random.SeedSequence,
@@ -486,7 +486,7 @@ def judge(
     ----------
     catalogue : Catalogue
         Candidates, and why others are none.
-    base : Trial
+    base : CandidateFit
         The base model, calibrated.
     effort : SearchEffort
         Replicates and trials.
@@ -576,7 +576,7 @@ def count_misfits(
 
 
 def _begun_counts(
-    trial: Trial,
+    trial: CandidateFit,
     catalogue: Catalogue | Assembly,
     seed: np.random.SeedSequence,
     executor: Executor | None,
@@ -601,7 +601,7 @@ def _beside_counts(
 
 
 def _judged_counts(
-    trial: Trial,
+    trial: CandidateFit,
     counts: RuptureCounts | None,
     causes: tuple[Cause, ...],
     generator: np.random.Generator,
@@ -704,7 +704,7 @@ def _described(
     return Description(step, found, columns)
 
 
-def _on(base: Trial, effort: SearchEffort) -> SearchEffort:
+def _on(base: CandidateFit, effort: SearchEffort) -> SearchEffort:
     """Return the effort with the number of replicates needed for p-values near the level."""
     forward = any(one.uses_forward for one in base.subject.criticised)
     return replace(effort, most=MOST if forward else MOST_OF_FILMS)
@@ -771,7 +771,7 @@ def _begun(
 
 
 def _beside(
-    base: Trial,
+    base: CandidateFit,
     begun: Callable[[], RuptureMisfit | None],
     generator: np.random.Generator,
     guard: Guard,
@@ -887,7 +887,7 @@ def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[
 
 
 def _beside_the_law(
-    base: Trial, catalogue: Catalogue | Assembly, generator: np.random.Generator
+    base: CandidateFit, catalogue: Catalogue | Assembly, generator: np.random.Generator
 ) -> list[dict[str, object]]:
     """Rank experiments for causes that look like a different form of the law in earlier tests."""
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]

@@ -39,7 +39,7 @@ from bayesdeg.observations.specimens import (
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import (
     Choice,
-    Law,
+    Distribution,
     LogNormal,
     Parameter,
     Uniform,
@@ -131,13 +131,15 @@ def _statistics(observations: tuple[Observations, ...]) -> tuple[Statistic, ...]
     return tuple(s for one in of_kind(observations, Means) for s in one.statistics)
 
 
-def _at_nodes(quantity: str, nodes: Nodes, laws: dict[str, Law]) -> dict[float, Law]:
+def _at_nodes(
+    quantity: str, nodes: Nodes, laws: dict[str, Distribution]
+) -> dict[float, Distribution]:
     """Return the priors of a quantity's values, without control values between the ends."""
     named = {node: node_name(quantity, node) for node in nodes}
     return {node: laws[name] for node, name in named.items() if name in laws}
 
 
-def _linear_scale(statistics: tuple[Statistic, ...], laws: dict[str, Law]) -> float:
+def _linear_scale(statistics: tuple[Statistic, ...], laws: dict[str, Distribution]) -> float:
     """Return the length of the part over that of its mould: measured, else from the prior."""
     measured = [s.value for s in statistics if s.quantity == "volume_ratio"]
     if measured:
@@ -276,7 +278,7 @@ def _default_priors(
 ) -> tuple[Parameter, ...]:
     # the default prior of α is the published mean; with data of α it would count twice
     measured = any(s.quantity == "volume_ratio" for s in statistics)
-    wide: dict[str, Law] = {"volume_ratio": Uniform(0.2, 1.0)} if measured else {}
+    wide: dict[str, Distribution] = {"volume_ratio": Uniform(0.2, 1.0)} if measured else {}
     return with_priors(base, wide)
 
 
@@ -322,23 +324,23 @@ def _followed(
     return ((f"[priors] {name}", _sentences("priors_follow", **facts)),)
 
 
-def _over(one: Law, other: Law) -> float:
+def _over(one: Distribution, other: Distribution) -> float:
     """Return the ratio of two positive medians; 1 if the first is not positive."""
     ratio = _median(one) / _median(other)
     return ratio if ratio > 0.0 else 1.0
 
 
-def _median(law: Law) -> float:
+def _median(law: Distribution) -> float:
     """Return the median; a quantile would import scipy.special, half a second of `check`."""
     return law.median if isinstance(law, LogNormal) else float(law.quantile(0.5))
 
 
-def _times(law: Law, factor: float) -> Law:
+def _times(law: Distribution, factor: float) -> Distribution:
     """Return a prior law scaled by a factor."""
     return LogNormal(law.median * factor, law.sigma) if isinstance(law, LogNormal) else law
 
 
-def vendor_prior(study: Study) -> dict[str, Law]:
+def vendor_prior(study: Study) -> dict[str, Distribution]:
     """Return the prior of the fresh elongation at break from a vendor's figure."""
     figure = study.settings.vendor.elongation_at_break
     if figure is None:

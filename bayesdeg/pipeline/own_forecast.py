@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.formula import OwnMap, Readings, as_inputs, cause_of, columns_of
+from bayesdeg.pipeline.formula import Readings, UserMap, as_inputs, cause_of, columns_of
 from bayesdeg.pipeline.output import owner_of
 from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.reading import read_study
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 PREDICTIVE = 2000  # draws
 
 
-def own_map(posterior: Posterior) -> OwnMap:
+def user_map(posterior: Posterior) -> UserMap:
     """Return the user's forward map.
 
     Raises
@@ -43,7 +43,7 @@ def new_specimens(
     """Draw what new specimens would show at x, without reading error, (k, n)."""
     draws = posterior.chain.vectors.reshape(-1, posterior.chain.vectors.shape[-1])
     vectors = draws[generator.integers(len(draws), size=PREDICTIVE)]
-    mean = own_map(posterior).at(posterior.model, block, x).expected(vectors)
+    mean = user_map(posterior).at(posterior.model, block, x).expected(vectors)
     scatter = posterior.model.table.named(vectors).get(f"{block.name}_scatter")
     if scatter is None:
         return mean
@@ -66,7 +66,7 @@ def predict(posterior: Posterior, x: Any, seed: np.random.SeedSequence) -> pd.Da
     generator, at = np.random.default_rng(seed), as_inputs(x)
     frames = [
         _bands(block, at, new_specimens(posterior, block, at, generator))
-        for block in own_map(posterior).readings
+        for block in user_map(posterior).readings
     ]
     return pd.concat(frames, ignore_index=True)
 
@@ -101,7 +101,7 @@ def control(
     BayesdegError
         If there are several kinds of readings, or fewer than two inputs.
     """
-    own = own_map(posterior)
+    own = user_map(posterior)
     if len(own.readings) > 1:
         raise BayesdegError("control needs a model of one kind of readings; give one at a time")
     at, block = as_inputs(x), own.readings[0]

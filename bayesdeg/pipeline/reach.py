@@ -18,9 +18,9 @@ from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import LIMIT_MARGIN, Surrogate
 from bayesdeg.errors import Fault
 from bayesdeg.inference.model import JointModel, least_squares
-from bayesdeg.observations.curvature import ACTUATOR, Curvature, inputs_met
+from bayesdeg.observations.curvature import ACTUATOR, Curvature, mechanics_inputs
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.pipeline.aside import Aside, readings_at, set_aside
+from bayesdeg.pipeline.aside import Exclusion, readings_at, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
 
@@ -59,7 +59,7 @@ def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> As
     return replace(assemble(rest, forward), study=rest, whole=study, beyond=(aside,))
 
 
-def beyond_reach(study: Study, model: JointModel) -> Aside | None:
+def beyond_reach(study: Study, model: JointModel) -> Exclusion | None:
     """Return the readings that no curve reaches; None if there are none or too many.
 
     Specimens whose pressures seem to be in a different unit are not included.
@@ -78,7 +78,7 @@ def beyond_reach(study: Study, model: JointModel) -> Aside | None:
     if not specimens or any(np.mean(over[places.specimen == n]) > MOST for n in specimens):
         return None
     readings = readings_at(places, over)
-    return Aside(None, "actuator", specimens, readings, is_without_rows=True)
+    return Exclusion(None, "actuator", specimens, readings, is_without_rows=True)
 
 
 def readings_beyond(study: Study, model: JointModel) -> NDArray[np.bool_]:
@@ -116,7 +116,7 @@ def _ends(model: JointModel, specimens: NDArray[np.str_]) -> NDArray[np.float64]
     if isinstance(world, FilmsAndActuators) and isinstance(world.forward, Surrogate):
         state = model.tests(model.table.named(least_squares(model)[None]))
         for one in model.of_kind(Curvature):
-            met = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+            met = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
             limit = world.forward.limit_pressure(met)
             end = np.where(limit.trained, limit.pressure - LIMIT_MARGIN * limit.sd, np.inf)
             lowest = (1.0 - MARGIN) * end[0].min(axis=-1)

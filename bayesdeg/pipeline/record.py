@@ -22,7 +22,7 @@ from bayesdeg.criticism.checks.residuals import (
     where_readings,
 )
 from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
-from bayesdeg.criticism.checks.suspects import Oddity
+from bayesdeg.criticism.checks.suspects import Anomaly
 from bayesdeg.criticism.decide.candidates import Candidate, EffectSize
 from bayesdeg.criticism.decide.counted import Counted
 from bayesdeg.criticism.decide.verdict import Decision, NotConverged, share_explained, uncalibrated
@@ -36,7 +36,7 @@ from bayesdeg.inference.model import Refusals
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
-from bayesdeg.pipeline.aside import FILES, Aside, unused_rows
+from bayesdeg.pipeline.aside import FILES, Exclusion, unused_rows
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.checks import Checks
@@ -563,7 +563,7 @@ def suspects_of(
     return (*odd, *beyond, *(_suspect(doubt, out) for doubt in found))
 
 
-def _beyond(one: Aside) -> SuspectEntry:
+def _beyond(one: Exclusion) -> SuspectEntry:
     """Return the entries of readings that no curve reaches."""
     several = len(one.specimens) > 1
     lowest = min(pressure for _, pressure, *_ in one.readings)
@@ -591,7 +591,7 @@ def _suspect(doubt: Doubt, out: Collection[tuple[str | None, str]]) -> SuspectEn
     )
 
 
-def _odd(one: Aside, results: Results, whole: Study) -> SuspectEntry:
+def _odd(one: Exclusion, results: Results, whole: Study) -> SuspectEntry:
     """Return the entry of a suspect that the other specimens contradict."""
     assert one.suspect is not None
     suspect, hypothesis = one.suspect, one.suspect.hypothesis
@@ -619,7 +619,7 @@ ALIKE = 0.35
 over the difference of both: specimen scatter is about a tenth of such a difference."""
 
 
-def _exchanged_with(one: Aside, results: Results, whole: Study) -> str:
+def _exchanged_with(one: Exclusion, results: Results, whole: Study) -> str:
     """Return the suspect with which another could have been swapped; empty if there is none."""
     table = whole.table(one.table) if one.table else None
     same = (other for other in results.assembly.aside if other.table == one.table)
@@ -643,9 +643,9 @@ def _exchanged_with(one: Aside, results: Results, whole: Study) -> str:
     return ""
 
 
-def _is_stiffness(one: Aside) -> bool:
+def _is_stiffness(one: Exclusion) -> bool:
     way = None if one.suspect is None else one.suspect.hypothesis.oddity
-    return way is Oddity.RESPONSE and len(one.specimens) == 1
+    return way is Anomaly.RESPONSE and len(one.specimens) == 1
 
 
 def _off_priors(results: Results) -> tuple[QuestionedEntry, ...]:

@@ -18,12 +18,12 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.fit.search import LEAST_FACTOR, near
-from bayesdeg.criticism.fit.trials import Trial, try_causes
+from bayesdeg.criticism.fit.trials import CandidateFit, try_causes
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.campaign import local_terms
 from bayesdeg.emulator.kept import AT_THE_POSTERIOR, Recipe
 from bayesdeg.emulator.local import (
-    AskedInputs,
+    InputDraws,
     LocalDesign,
     counted_in,
     curves_along,
@@ -34,7 +34,7 @@ from bayesdeg.emulator.scaling import Units
 from bayesdeg.emulator.solutions import Run, Solution
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.density import log_ratio
-from bayesdeg.observations.curvature import Curvature, inputs_met
+from bayesdeg.observations.curvature import Curvature, mechanics_inputs
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.emulation import Campaign, asked_by, asked_of_model
 from bayesdeg.pipeline.reach import assemble_within_reach
@@ -60,21 +60,21 @@ class Posteriors:
 
     Parameters
     ----------
-    trials : tuple of Trial
+    trials : tuple of CandidateFit
         The likeliest model and those within odds of 20 of it: without a cause, or with one.
-    asked : AskedInputs
+    asked : InputDraws
         Draws of what they ask.
-    whole : AskedInputs
+    whole : InputDraws
         Draws of what any set of causes asks, with causes from their priors.
     """
 
-    trials: tuple[Trial, ...]
-    asked: AskedInputs
-    whole: AskedInputs
+    trials: tuple[CandidateFit, ...]
+    asked: InputDraws
+    whole: InputDraws
 
 
 def posteriors_of(
-    study: Study, surrogate: Surrogate, seed: int, *, base: Trial | None = None
+    study: Study, surrogate: Surrogate, seed: int, *, base: CandidateFit | None = None
 ) -> Posteriors:
     """Fit a study's base model, and that with each cause that its readings support.
 
@@ -86,7 +86,7 @@ def posteriors_of(
         Of its geometry.
     seed : int
         Of the draws.
-    base : Trial, optional
+    base : CandidateFit, optional
         The base model, if it was calibrated with this emulator and seed already.
     """
     assembly, sequence = assemble_within_reach(study, surrogate), np.random.SeedSequence(seed)
@@ -113,10 +113,10 @@ def posteriors_of(
         ]
         known = base.draws(generator, DRAWS)
         whole = asked_by(assembly, known, generator, units)
-        return Posteriors(kept, AskedInputs.joined(asked), whole)
+        return Posteriors(kept, InputDraws.joined(asked), whole)
 
 
-def shifts_of(trial: Trial, vectors: Floats, one: Surrogate, other: Surrogate) -> Floats:
+def shifts_of(trial: CandidateFit, vectors: Floats, one: Surrogate, other: Surrogate) -> Floats:
     r"""Return the shift of posterior means from one map to another [sd], (n_parameters,).
 
     If the change of the log density is small against 1, reweighting by its exponential shifts a
@@ -129,7 +129,7 @@ def shifts_of(trial: Trial, vectors: Floats, one: Surrogate, other: Surrogate) -
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         The posterior.
     vectors : array, shape (n, n_parameters)
         Draws from it, on the unconstrained scale; those that a map does not answer are left out.
@@ -144,7 +144,7 @@ def shifts_of(trial: Trial, vectors: Floats, one: Surrogate, other: Surrogate) -
     return shifts
 
 
-def _log_density(trial: Trial, vectors: Floats, forward: Surrogate) -> Floats:
+def _log_density(trial: CandidateFit, vectors: Floats, forward: Surrogate) -> Floats:
     return trial.subject.with_world(forward=forward).log_prob(vectors)
 
 
@@ -209,21 +209,21 @@ def error_left(posteriors: Posteriors, ground: Surrogate, refinement: Refinement
     return ErrorLeft(count, *worst, *moved, share)
 
 
-def _largest(trial: Trial, sizes: Floats) -> tuple[float, str]:
+def _largest(trial: CandidateFit, sizes: Floats) -> tuple[float, str]:
     """Return the largest shift, except of the emulator's error parameters, and its parameter."""
     names = trial.subject.table.names
     kept = [k for k, name in enumerate(names) if not name.startswith(COMMON_ERROR)]
     return max((float(sizes[k]), names[k]) for k in kept)
 
 
-def _share_of_reading_errors(trial: Trial, surrogate: Surrogate) -> float:
+def _share_of_reading_errors(trial: CandidateFit, surrogate: Surrogate) -> float:
     """Return the rms interpolation error relative to the reading errors, at a mode."""
     model = trial.subject
     state = model.tests(model.table.named(trial.mode[None]))
     exact = surrogate.without_mesh_error()
     shares = []
     for one in model.of_kind(Curvature):
-        inputs = inputs_met(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+        inputs = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
         sd = exact.continued(inputs).sd
         variance = one.predicted(state).variance[..., : sd.shape[-1]]
         shares.append((sd**2 / variance)[0][one.curves.mask])

@@ -25,7 +25,7 @@ from bayesdeg.observations.means import MPA
 from bayesdeg.observations.specimens import FilmsAndActuators, modulus_100, node_name
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.forecast import model_document
-from bayesdeg.pipeline.formula import OwnMap
+from bayesdeg.pipeline.formula import UserMap
 from bayesdeg.pipeline.record import Results
 from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.report.left_out import Guard, OptionalStage
@@ -177,7 +177,7 @@ def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
     ]
 
 
-def _rests_on_own(study: Study, own: OwnMap) -> list[BasisEntry]:
+def _rests_on_own(study: Study, own: UserMap) -> list[BasisEntry]:
     """Return the data behind the statements on a user's forward map."""
     given = "readings.csv" if study.settings.forward is not None else "readings given in Python"
     origin = "virtual experiment" if study.settings.virtual else "measured"

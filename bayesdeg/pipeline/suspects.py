@@ -18,7 +18,7 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.pipeline.aside import FILES, Aside, asides, set_aside
+from bayesdeg.pipeline.aside import FILES, Exclusion, asides, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.reach import assemble_within_reach, in_another_unit
 
@@ -95,10 +95,10 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
     return find_suspects(model, mode, refit, _batches(study))
 
 
-def _doubted(study: Study) -> tuple[Aside, ...]:
+def _doubted(study: Study) -> tuple[Exclusion, ...]:
     """Return single specimens with values many times those of the others: a different unit."""
     return tuple(
-        Aside(None, FILES[fault.file], (str(fault.specimen),), ())
+        Exclusion(None, FILES[fault.file], (str(fault.specimen),), ())
         for fault in in_another_unit(study)
         if fault.file in FILES
     )

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.criticism.posterior.convergence import Convergence
-from bayesdeg.data.added import FILE, Enlarged, enlarge
+from bayesdeg.data.added import FILE, ExtendedTable, enlarge
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import is_dimension
@@ -236,7 +236,7 @@ def read_new(path: Path) -> bytes:
         raise StudyError([Fault(str(path), problem, "give a file with rows")]) from fault
 
 
-def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[Enlarged, Study, Study]:
+def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[ExtendedTable, Study, Study]:
     """Return the added rows and the study before and after; refuse impossible data.
 
     Raises
@@ -616,7 +616,7 @@ def _results(
     assembly: Assembly,
     drawn: Mapping[str, Posterior],
     studies: tuple[Study, Study],
-    found: Enlarged,
+    found: ExtendedTable,
     seed: int | None,
     progress: Progress,
 ) -> tuple[Results, dict[str, TakenIn]]:
@@ -691,7 +691,7 @@ def _as_before(path: Path) -> list[Path]:
     return [*(path / name for name in names if (path / name).is_file()), *pictures]
 
 
-def _entry(of: FinishedRun, found: Enlarged, taken: Mapping[str, TakenIn]) -> UpdateEntry:
+def _entry(of: FinishedRun, found: ExtendedTable, taken: Mapping[str, TakenIn]) -> UpdateEntry:
     """Return the record of an update."""
     names = {"final": POSTERIOR, "base": POSTERIOR_BASE}
     before = of.run.update
@@ -732,7 +732,7 @@ def _finish(
     folder: RunFolder,
     after: Study,
     results: Results,
-    what: tuple[Enlarged, UpdateEntry, Sequence[Doubt]],
+    what: tuple[ExtendedTable, UpdateEntry, Sequence[Doubt]],
     guard: Guard,
     begun: float,
 ) -> None:

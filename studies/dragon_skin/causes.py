@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdeg.priors import (
+    Distribution,
     HalfNormal,
-    Law,
     LogNormal,
     Normal,
     Parameter,
@@ -75,7 +75,7 @@ def _block(name: str, shape: tuple[int, ...], spread: tuple[float, ...], median:
     return Block(shape, spread, _sized(name, median, "mm", name.replace("_", " ")))
 
 
-def _mechanical(name: str, law: Law, unit: str, words: str, meaning: str) -> Cause:
+def _mechanical(name: str, law: Distribution, unit: str, words: str, meaning: str) -> Cause:
     return Cause(words, Parameter(name, law, unit, meaning))
 
 

@@ -19,7 +19,7 @@ from bayesdeg.material.degradation import (
 )
 from bayesdeg.observations.curvature import actuator_parameters
 from bayesdeg.observations.specimens import control_name, material_parameters
-from bayesdeg.priors import Law
+from bayesdeg.priors import Distribution
 
 Floats = NDArray[np.float64]
 
@@ -136,7 +136,7 @@ def sensitivity(materials: Materials) -> Floats:
 
 def _propose(generator: np.random.Generator, count: int) -> Materials:
     known = (*material_parameters(NODES_USED), *actuator_parameters(float(PRESSURES[-1])))
-    laws: dict[str, Law] = {p.name: p.law for p in known}
+    laws: dict[str, Distribution] = {p.name: p.law for p in known}
 
     def nodes(quantity: str) -> Floats:
         names = [control_name(quantity, NODES_USED, k) for k in range(len(NODES_USED))]

@@ -10,7 +10,7 @@ from bayesdeg.causes.cause import Conditions, Degradation
 from bayesdeg.causes.curvature_reading import trace_other_fibre
 from bayesdeg.causes.degradation_misread import FRESH, misread
 from bayesdeg.causes.degradation_scale import rescale
-from bayesdeg.causes.gauge_gain import misgauge
+from bayesdeg.causes.gauge_gain import scale_pressure
 from bayesdeg.causes.pressure_loss import lose_pressure
 from bayesdeg.causes.pressure_offset import shift_pressure
 from tests.emulator.closed_form import trained
@@ -87,7 +87,7 @@ def test_a_small_pressure_loses_the_fraction_itself():
 def test_a_gauge_that_is_off_by_a_factor_cannot_be_told_from_stiffer_material():
     """κ depends on p/C1 alone if the paper is stiffened alike."""
     one = np.ones((1, 1))
-    off = trained()(misgauge(inputs_at(PRESSURE), CONDITIONS, effect(gain=-0.2)))
+    off = trained()(scale_pressure(inputs_at(PRESSURE), CONDITIONS, effect(gain=-0.2)))
     stiff = trained()(Inputs(PRESSURE, 0.5 * one, 0 * one, 0.0125 * one, 0.85 * one, 3.75e4 * one))
     np.testing.assert_allclose(off.curvature[0], stiff.curvature, rtol=1e-12)
 

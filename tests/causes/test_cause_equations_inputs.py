@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.inputs import gravity_direction
-from bayesdeg.causes.batch_stiffness import mix_otherwise
+from bayesdeg.causes.batch_stiffness import scale_by_batch
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.degraded_shrinkage import shrink_as_degraded
 from bayesdeg.causes.degraded_skin import stiffen_skin
 from bayesdeg.causes.delamination import loosen_paper
 from bayesdeg.causes.erosion import thin_walls
 from bayesdeg.causes.film_mismatch import stiffen_casting
-from bayesdeg.causes.gauge_gain import misgauge
+from bayesdeg.causes.gauge_gain import scale_pressure
 from bayesdeg.causes.gravity import weigh
 from bayesdeg.causes.initial_curvature import shrink_on_paper
 from bayesdeg.causes.paper_slack import slacken_paper
@@ -78,16 +78,16 @@ def test_the_typical_loss_of_volume_is_that_of_the_lost_mass_and_water():
 
 def test_a_gauge_is_off_either_way_and_so_is_its_zero():
     counted = replace(INPUTS, reference_pressure=np.full((1, 1, 1), 5.0))
-    met = misgauge(counted, CONDITIONS, effect(gain=[0.03, -0.03]))
+    met = scale_pressure(counted, CONDITIONS, effect(gain=[0.03, -0.03]))
     np.testing.assert_allclose(met.pressure[:, 0], [1.03 * LOADING, 0.97 * LOADING])
     np.testing.assert_allclose(met.reference_pressure.ravel(), [5.15, 4.85])
-    assert misgauge(INPUTS, CONDITIONS, effect(gain=0.03)).reference_pressure is None
+    assert scale_pressure(INPUTS, CONDITIONS, effect(gain=0.03)).reference_pressure is None
 
 
 def test_each_batch_has_its_own_stiffness():
     batch = np.array([[0], [1], [2], [3], [1], [4]])  # the last is beyond those that are compared
     tests = conditions_of(batch=batch)
-    met = mix_otherwise(INPUTS, tests, effect(second=0.2, third=-0.1, fourth=0.3))
+    met = scale_by_batch(INPUTS, tests, effect(second=0.2, third=-0.1, fourth=0.3))
     want = [0.0, 0.2, -0.1, 0.3, 0.2, 0.0]
     for name in ("c1", "c2", "c3"):
         ratio = getattr(met, name) / getattr(INPUTS, name)

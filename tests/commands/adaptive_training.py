@@ -28,7 +28,7 @@ from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE
 
 # of a chain, which is sampled where so rough an emulator leaves no other draws
 SHORT = replace(EFFORTS["quick"], effective=1.0, r_hat=10.0, longest=75)
-MANNER = training.Manner(yes=True, quiet=True)
+MANNER = training.TrainingOptions(yes=True, quiet=True)
 LONGEST = 0.75  # of the time that an undisturbed training takes
 
 
@@ -53,7 +53,7 @@ def train(study, folder):
     calibrate.EFFORTS = EFFORTS | {"quick": SHORT}
     asked = asked_of(study, study.settings.seed)
     first = local_design(asked, recipe(geometry_of_study(study.settings).dimensions))
-    training.train_where_asked(study, first, None, MANNER)
+    training.train_for_study(study, first, None, MANNER)
 
 
 def left(folder):

@@ -26,7 +26,7 @@ from bayesdeg.criticism.checks.absorption import (
 )
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.fit.search import Search, SearchEffort, run_search
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.laplace import Evidence
@@ -89,7 +89,7 @@ def exact_split(observed, covariance=STATED, subject=None):
     return Split(trial, known, linearise(subject, mean, uncertain=covariance, centre=law.mean))
 
 
-class _Resting(Trial):
+class _Resting(CandidateFit):
     """A trial that gives its draws as they are."""
 
     def draws(self, generator, count):

@@ -21,7 +21,7 @@ from bayesdeg.criticism.checks.count_misfit import (
     own_counts,
 )
 from bayesdeg.observations.counts import Chances, CountedTests, RuptureCounts, chances_of
-from bayesdeg.observations.curvature import inputs_met, parts_of
+from bayesdeg.observations.curvature import mechanics_inputs, parts_of
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 WEAK = TRUTH | {"elongation_at_0": 60.0, "elongation_at_25": 10.0, "elongation_scatter": 0.15}
@@ -137,7 +137,7 @@ def test_counts_of_a_model_are_those_of_simulated_actuators():
         one = counted([1], [0], degradation=[level])
 
         sd = np.sqrt(parts_of(state, one).spread)[..., None]
-        asked = inputs_met(state, one, sd * generator.standard_normal((many, 1, 1)))
+        asked = mechanics_inputs(state, one, sd * generator.standard_normal((many, 1, 1)))
         stretch = model.forward(asked).peak_stretch[:, 0, 0]
         median = model.elongation(values, np.array([level]))[0, 0] / 100.0
         scatter = WEAK["elongation_scatter"]

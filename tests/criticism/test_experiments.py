@@ -19,19 +19,19 @@ from bayesdeg.criticism.experiments.ranking import (
     NO_CAUSE,
     ActuatorTests,
     FilmTests,
-    Foretold,
     Hypothesis,
+    PredictiveReadings,
     ReadingsLaw,
     compare,
-    foretell,
     hypotheses_of,
     next_experiments_document,
+    predictive_readings,
     rank,
     rank_hypotheses,
     separation,
     with_noise,
 )
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.observations.pressures import PressureTests
@@ -153,7 +153,9 @@ def test_readings_of_a_normal_law_give_its_divergence():
         generator.multivariate_normal(*whole(law), size=40_000).reshape(-1, 2, 4).swapaxes(0, 1)
         for law in laws
     ]
-    both = separation(*(Foretold(law, data) for law, data in zip(laws, drawn, strict=True)))
+    both = separation(
+        *(PredictiveReadings(law, data) for law, data in zip(laws, drawn, strict=True))
+    )
     for found, (a, b) in zip(both, (laws, laws[::-1]), strict=True):
         assert found.error < 0.05 * found.expected
         assert abs(found.expected - a.divergence(b)) < 4.0 * found.error
@@ -172,7 +174,7 @@ def test_the_simulated_factor_agrees_with_the_closed_form(model, experiments):
         named = [
             (h.model, with_noise(h.model.table.named(h.draws), generator)) for h in (first, second)
         ]
-        told = foretell(named, experiment.measurement, generator)
+        told = predictive_readings(named, experiment.measurement, generator)
         for found, (a, b) in zip(separation(*told), (told, told[::-1]), strict=True):
             # what is left is the nonlinearity of the specimens' deviations
             assert abs(found.expected - a.law.divergence(b.law)) < 4.0 * found.error + 0.05
@@ -393,7 +395,7 @@ def trial_of(hypothesis):
     subject = hypothesis.model
     size = hypothesis.draws.shape[1]
     mode = hypothesis.draws.mean(axis=0)
-    return Trial(subject, mode, 0.0, posterior, np.eye(size), mode)
+    return CandidateFit(subject, mode, 0.0, posterior, np.eye(size), mode)
 
 
 def test_causes_that_all_have_in_common_are_not_in_question(model):

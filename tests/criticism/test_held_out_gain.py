@@ -20,7 +20,7 @@ from bayesdeg.criticism.holdout.held_out import (
     joined,
     standard_error,
 )
-from bayesdeg.criticism.holdout.leaving_out import carried_out, predict_folds, predict_one_by_one
+from bayesdeg.criticism.holdout.leaving_out import predict_folds, predict_one_by_one, run_folds
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.priors import LogNormal, Normal, TruncatedNormal, with_priors
@@ -216,7 +216,7 @@ def test_plans_carried_out_together_give_what_each_gives_alone():
     plans = [leaving_out.one_by_one(trial, np.random.SeedSequence(3)) for trial in trials]
     done = []
     with ThreadPoolExecutor(2) as executor:
-        together = carried_out(plans, executor, done.append)
+        together = run_folds(plans, executor, done.append)
     assert done == [0, 1]
     for trial, found in zip(trials, together, strict=True):
         alone = predict_one_by_one(trial, seed=np.random.SeedSequence(3))

@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.checks.shared_scatter import SHARES, SharedScatter, shared_scatter
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.laplace import weighted
 from tests.criticism.linear_case import tight_model
@@ -30,7 +30,7 @@ def trial_of(*causes, size=SCATTER):
         law = MISREAD.parameters[1].law
         mode[columns_of(subject, MISREAD)[1]] = float(law.to_unconstrained(np.asarray(size)))
     uncertain = 1e-6 * np.eye(len(mode))
-    return Trial(subject, mode, 0.0, weighted(mode[None], np.zeros(1)), uncertain, mode)
+    return CandidateFit(subject, mode, 0.0, weighted(mode[None], np.zeros(1)), uncertain, mode)
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from bayesdeg.criticism.checks.suspects import (
     FACTORS,
     LEVEL,
     SHARES,
+    Anomaly,
     Irregularity,
-    Oddity,
     ReadingParts,
     film_density,
     find_suspects,
@@ -80,7 +80,7 @@ def test_a_score_is_the_deletion_residual_of_the_linear_model():
     scatter = np.kron(np.eye(3), (blocks @ blocks.T)[:4, :4] + 4.0 * np.eye(4))
     residual = generator.standard_normal(n)
     parts = ReadingParts(residual, shared, np.zeros((n, n)), scatter, np.full(n, "one"))
-    one = Irregularity(Oddity.READING, ("a",), "x", np.eye(n)[0] > 0.0, np.eye(n)[0])
+    one = Irregularity(Anomaly.READING, ("a",), "x", np.eye(n)[0] > 0.0, np.eye(n)[0])
     found = scored(parts, [one])
     # what all other readings say of the first, with its variance
     total = scatter + shared @ shared.T
@@ -138,7 +138,7 @@ def test_errors_of_reading_are_found_again_that_a_misfit_has_widened(study):
     }
     vector = model.table.vectors({name: np.array(value) for name, value in widened.items()})
     rows = model.places.specimen == "A10-1"
-    one = Irregularity(Oddity.RESPONSE, ("A10-1",), "", rows, rows.astype(float))
+    one = Irregularity(Anomaly.RESPONSE, ("A10-1",), "", rows, rows.astype(float))
     out = [suspects.Suspect(one, 0.1, 3.0, 0.1)]
     own = suspects._with_own_errors(model, np.asarray(vector), out)
     found = {name: value[0] for name, value in model.table.named(own[None]).items()}
@@ -224,13 +224,13 @@ def test_a_sound_study_has_no_suspects(study):
 def test_every_reading_is_of_a_picture_of_its_specimen(study):
     model, mode = study
     known = hypotheses(model, mode)
-    pictures = [one for one in known if one.oddity is Oddity.READING]
+    pictures = [one for one in known if one.oddity is Anomaly.READING]
     places = model.places
     assert sum(one.kind != "" for one in pictures) == len(places)
     for one in pictures:
         assert set(places.specimen[one.rows]) == set(one.specimens)
         assert len(set(places.along[one.rows])) == 1
-    names = {one.specimens for one in known if one.oddity is Oddity.BATCH}
+    names = {one.specimens for one in known if one.oddity is Anomaly.BATCH}
     assert len(names) == 6
 
 
@@ -239,7 +239,7 @@ def test_a_specimen_that_responds_otherwise_is_found_by_name(study, factor):
     wrong, mode, refit = planted(study, "A10-1", lambda read: factor * read)
     [found] = find_suspects(wrong, mode, refit)
     assert found.hypothesis.specimens == ("A10-1",)
-    assert found.hypothesis.oddity is Oddity.RESPONSE
+    assert found.hypothesis.oddity is Anomaly.RESPONSE
     assert np.sign(found.size) == np.sign(1.0 - factor)
     assert found.p_value < LEVEL
 
@@ -255,7 +255,7 @@ def test_a_mistraced_picture_is_found_and_nothing_else(study):
     wrong, mode, refit = planted(study, "A15-2", mistraced)
     [found] = find_suspects(wrong, mode, refit)
     place = wrong.actuator.pressure[0, points - 2]
-    assert found.hypothesis.oddity is Oddity.READING
+    assert found.hypothesis.oddity is Anomaly.READING
     assert found.hypothesis.specimens == ("A15-2",)
     assert found.hypothesis.at == pytest.approx(place)
     assert found.size == pytest.approx(0.4, abs=0.1)
@@ -294,7 +294,7 @@ def test_a_day_on_which_lengths_were_short_is_found(study, is_recorded):
     wrong, start, rest = short_on_a_day(study, day)
     [found] = find_suspects(wrong, start, lambda suspects: rest, [day] if is_recorded else [])
     assert set(found.hypothesis.specimens) == set(day)
-    assert found.hypothesis.oddity is Oddity.DAY
+    assert found.hypothesis.oddity is Anomaly.DAY
     assert found.size == pytest.approx(1.0 / 0.93 - 1.0, abs=0.02)
 
 
@@ -303,7 +303,7 @@ def test_a_day_that_no_table_tells_is_found_by_its_sizes(study):
     wrong, start, rest = short_on_a_day(study, day, factor=0.85)
     [found] = find_suspects(wrong, start, lambda suspects: rest)
     assert set(found.hypothesis.specimens) == set(day)
-    assert found.hypothesis.oddity is Oddity.DAY
+    assert found.hypothesis.oddity is Anomaly.DAY
 
 
 def test_rounds_whose_lengths_scatter_are_no_days(study):
@@ -317,7 +317,7 @@ def test_rounds_whose_lengths_scatter_are_no_days(study):
     known = hypotheses(wrong, mode)
     free = scored(parts_of(wrong, mode), known)
     free = suspects.Scored(free.observed, suspects._with_free_response(known, free))
-    days = [k for k, one in enumerate(known) if one.oddity is Oddity.DAY]
+    days = [k for k, one in enumerate(known) if one.oddity is Anomaly.DAY]
     assert len(days) == 3
     assert np.all(suspects._unclear_days(known, free, 0.01)[days])
 
@@ -328,19 +328,19 @@ def way(oddity, names, rows=()):
 
 
 def test_a_specimen_that_is_odd_alone_does_not_draw_its_batch_along():
-    alone = suspects.Suspect(way(Oddity.RESPONSE, ("A25-3",)), -0.6, -5.4, 1e-4)
-    batch = suspects.Suspect(way(Oddity.BATCH, ("A25-1", "A25-2", "A25-3")), -0.8, -7.0, 1e-6)
-    other = suspects.Suspect(way(Oddity.BATCH, ("A10-1", "A10-2", "A10-3")), 0.4, 6.0, 1e-6)
+    alone = suspects.Suspect(way(Anomaly.RESPONSE, ("A25-3",)), -0.6, -5.4, 1e-4)
+    batch = suspects.Suspect(way(Anomaly.BATCH, ("A25-1", "A25-2", "A25-3")), -0.8, -7.0, 1e-6)
+    other = suspects.Suspect(way(Anomaly.BATCH, ("A10-1", "A10-2", "A10-3")), 0.4, 6.0, 1e-6)
     assert suspects._not_drawn_along((batch, alone, other)) == (alone, other)
     assert suspects._not_drawn_along((batch, other)) == (batch, other)
 
 
 def test_what_comes_again_with_nearly_the_same_readings_is_no_other():
     """The edge of the picture moves by a reading with the calibration."""
-    edge = way(Oddity.EDGE, ("A00-1",), [3, 4, 5])
-    assert suspects._is_among(edge, [way(Oddity.EDGE, ("A00-1",), [4, 5])])
-    assert not suspects._is_among(edge, [way(Oddity.EDGE, ("A00-1",), [5, 6, 7])])
-    assert not suspects._is_among(edge, [way(Oddity.CUT_OFF, ("A00-1",), [3, 4, 5])])
+    edge = way(Anomaly.EDGE, ("A00-1",), [3, 4, 5])
+    assert suspects._is_among(edge, [way(Anomaly.EDGE, ("A00-1",), [4, 5])])
+    assert not suspects._is_among(edge, [way(Anomaly.EDGE, ("A00-1",), [5, 6, 7])])
+    assert not suspects._is_among(edge, [way(Anomaly.CUT_OFF, ("A00-1",), [3, 4, 5])])
 
 
 def test_false_suspects_are_as_rare_as_stated(study):

@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 
 from bayesdeg.criticism.fit import trials
 from bayesdeg.criticism.fit.linear import effects, with_prior_moments
-from bayesdeg.criticism.fit.trials import BENT, STRONG, WANTED, Trial, from_prior, try_causes
+from bayesdeg.criticism.fit.trials import BENT, STRONG, WANTED, CandidateFit, from_prior, try_causes
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate
@@ -113,7 +113,7 @@ def exact_parent(observed):
     subject, law = straight.subject_of(observed), straight.joint_of()
     mode = law.posterior(observed)[0]
     one = Evidence(0.0, 0.0, mode[None], np.zeros(1), 1.0)
-    return Trial(subject, mode, 0.0, one, np.diag(law.sd**2), law.mean)
+    return CandidateFit(subject, mode, 0.0, one, np.diag(law.sd**2), law.mean)
 
 
 def starts_at(observed, size, cause=WAVE):

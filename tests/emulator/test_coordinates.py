@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from bayesdeg.emulator.coordinates import (
+    LARGEST_SLACK_AND_MISMATCH,
     LARGEST_WARPED,
     MISMATCH,
     PAPER,
     SLACK,
-    TAKEN_UP,
     WARP,
     coordinates,
     inside,
@@ -141,5 +141,5 @@ def test_slack_with_mismatch_is_refused_and_either_alone_is_not(mismatch):
 def test_next_to_none_of_either_goes_with_the_other(name):
     groups = NEUTRAL[1:].copy()
     groups[[SLACK - 1, MISMATCH - 1]] = 0.01
-    groups[name - 1] = 0.99 * TAKEN_UP
+    groups[name - 1] = 0.99 * LARGEST_SLACK_AND_MISMATCH
     assert np.all(inside(groups[None], SPAN))

@@ -10,7 +10,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import LOCAL, NEAR, runs, train
 from bayesdeg.emulator.kept import Recipe, local_recipe
-from bayesdeg.emulator.local import AskedInputs, covers, curves_of, local_design, span_of
+from bayesdeg.emulator.local import InputDraws, covers, curves_of, local_design, span_of
 from bayesdeg.emulator.regression import observe
 from bayesdeg.emulator.scaling import GROUPS, NAMES, Place, TrainingRange
 from bayesdeg.emulator.surrogate import Surrogate
@@ -31,7 +31,7 @@ def asked_of(count, seed):
     groups[:, :3] = low + (high - low) * generator.uniform(0.35, 0.65, (count, 3))
     groups[::4, SKIN] = generator.uniform(0.0, 0.6, len(groups[::4]))
     groups[2::4, WALL] = generator.uniform(0.9, 1.1, len(groups[2::4]))
-    return AskedInputs(groups, generator.uniform(0.2, 0.3, count))
+    return InputDraws(groups, generator.uniform(0.2, 0.3, count))
 
 
 ASKED = asked_of(200, 1)
@@ -152,7 +152,7 @@ def test_further_curves_lie_where_a_study_asks_now_and_the_range_holds_both(desi
 
 def test_draws_that_differ_by_rounding_give_the_same_curves():
     noise = np.random.default_rng(8).normal(0.0, 1e-12, ASKED.groups.shape)
-    near = AskedInputs(np.where(ASKED.groups == NEUTRAL, NEUTRAL, ASKED.groups + noise), ASKED.load)
+    near = InputDraws(np.where(ASKED.groups == NEUTRAL, NEUTRAL, ASKED.groups + noise), ASKED.load)
     assert curves_of(near, WANTED, 20, seed=1) == curves_of(ASKED, WANTED, 20, seed=1)
 
 

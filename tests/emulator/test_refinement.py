@@ -9,7 +9,7 @@ import pytest
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.emulator.local import AskedInputs, counted_in, curves_along, curves_of
+from bayesdeg.emulator.local import InputDraws, counted_in, curves_along, curves_of
 from bayesdeg.emulator.refinement import ENDS_FOR_SLOPES, FEWEST, FEWEST_ENDS, refine
 from bayesdeg.emulator.regression import observe, reach
 from bayesdeg.emulator.scaling import GROUPS, Units
@@ -27,7 +27,7 @@ def asked_of(count, seed, *, low=0.4, high=0.6, loads=(0.2, 0.3)):
     groups = np.tile(NEUTRAL, (count, 1))
     width = SPAN.upper[:3] - SPAN.lower[:3]
     groups[:, :3] = SPAN.lower[:3] + width * generator.uniform(low, high, (count, 3))
-    return AskedInputs(groups, generator.uniform(*loads, count))
+    return InputDraws(groups, generator.uniform(*loads, count))
 
 
 POSTERIOR, WHOLE = asked_of(200, 1), asked_of(400, 2, low=0.0, high=1.0)
@@ -306,7 +306,7 @@ def test_more_curves_lie_where_actuators_bend_far():
     along.groups[:, 1] = np.linspace(-6.0, -2.0, 400)
     along.groups[:, 0] = 0.1 * along.groups[:, 1]
     along.groups[:, 2] = 4.0 - 0.2 * along.groups[:, 1]
-    steep = AskedInputs(along.groups, np.linspace(0.0, 0.3, 400))
+    steep = InputDraws(along.groups, np.linspace(0.0, 0.3, 400))
     curves = curves_along(steep, SPAN, 16, seed=1)
     soft = np.sum([np.log(curve.material.c3_ratio) > -4.0 for curve in curves])
     assert soft == 12  # half of the draws, which bear three quarters of the load

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.emulator.coordinates import coordinates
-from bayesdeg.emulator.design import SHARES, Question, most_telling, space_filling
+from bayesdeg.emulator.design import SHARES, Question, most_informative, space_filling
 from bayesdeg.emulator.regression import DERIVATIVE_WEIGHT, Prior, half_ranges
 from bayesdeg.emulator.scaling import NAMES, Place, TrainingRange
 from bayesdeg.emulator.terms import Family, Terms, features
@@ -88,7 +88,7 @@ def lowered_by_runs(normal, weights):
 
 
 def pick(asked, count):
-    return most_telling(asked, CANDIDATES, count, likely=LIKELY, span=SPAN)
+    return most_informative(asked, CANDIDATES, count, likely=LIKELY, span=SPAN)
 
 
 @pytest.mark.parametrize("seed", range(3, 9))
@@ -138,7 +138,7 @@ def test_the_variance_counts_where_errors_of_the_first_output_were_large(sign):
 def test_all_are_picked_once_and_told_of_in_order_and_the_question_stays_as_it_was():
     asked, told = question(3), []
     normal = asked.normal.copy()
-    picked = most_telling(
+    picked = most_informative(
         asked, CANDIDATES, len(CANDIDATES), likely=LIKELY, span=SPAN, on_pick=told.append
     )
     assert sorted(picked) == list(range(len(CANDIDATES)))

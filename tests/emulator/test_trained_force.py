@@ -14,7 +14,7 @@ from bayesdeg.actuator.status import Resolution, Status
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.campaign import build, runs
 from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.local import AskedInputs, local_design
+from bayesdeg.emulator.local import InputDraws, local_design
 from bayesdeg.emulator.regression import observe_force
 from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, groups_of
 from bayesdeg.emulator.solutions import SolutionStore
@@ -48,7 +48,7 @@ def asked(count=60, seed=1):
         else np.full(count, g.neutral)
         for g in GROUPS
     ]
-    return AskedInputs(np.column_stack(groups), load)
+    return InputDraws(np.column_stack(groups), load)
 
 
 @pytest.fixture(scope="module")

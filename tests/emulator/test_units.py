@@ -12,7 +12,7 @@ from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.data.families import Constraint, RibbedDimensions
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator.kept import local_recipe
-from bayesdeg.emulator.local import AskedInputs, counted_in, local_design, span_of, units_for
+from bayesdeg.emulator.local import InputDraws, counted_in, local_design, span_of, units_for
 from bayesdeg.emulator.scaling import (
     GROUPS,
     LOAD,
@@ -127,7 +127,7 @@ def asked(load, paper):
     groups[:, 0] = rng.uniform(-0.1, 0.3, 200)
     groups[:, 1] = rng.uniform(-7.0, -6.0, 200)
     groups[:, 2] = np.log(paper) + rng.uniform(-0.5, 0.5, 200)
-    return AskedInputs(groups, load * rng.uniform(0.8, 1.0, 200))
+    return InputDraws(groups, load * rng.uniform(0.8, 1.0, 200))
 
 
 @pytest.mark.parametrize(("load", "paper"), [(2.3, 4e4), (0.05, 300.0), (17.0, 0.3)])

@@ -64,7 +64,7 @@ def test_films_are_linearised_three_times(model, values):
 
 def test_actuators_are_linearised_twice(model, values):
     state, data = model.tests(values), model.actuator
-    believed = actuators.believed_degradation(state, data)
+    believed = actuators.estimated_degradation(state, data)
     spread = stiffness_spread(values, model.material(values, believed.value), believed.sd)
     mode = np.zeros((*spread.shape, 1))
     for _ in range(2):

@@ -23,7 +23,7 @@ from bayesdeg.inference.sampling import (
     Effort,
     Position,
     RandomState,
-    Standing,
+    SamplerStatus,
     Task,
     advance,
     lie_in_a_plane,
@@ -187,7 +187,7 @@ def test_walkers_that_stand_still_are_not_enough_however_many():
     still = np.repeat(points, 40, axis=1)
     still += 1e-6 * np.random.default_rng(4).standard_normal(still.shape)
     effort = Effort(effective=150.0, r_hat=1.2, chunk=10, longest=40)
-    standing = artificial(still).judged(Standing(40))
+    standing = artificial(still).judged(SamplerStatus(40))
     assert standing.effective > 150.0
     assert standing.times < 2.0
     assert not standing.enough(effort)
@@ -240,7 +240,7 @@ def test_degenerate_starts_are_widened(kind):
     assert np.all(np.isfinite(model.log_prob(walkers)))
     effort = Effort(effective=1000.0, r_hat=1.02, chunk=50, longest=1500)
     chain = sample(model, start, effort=effort, seed=np.random.SeedSequence(2))
-    assert chain.judged(Standing(1)).enough(effort)
+    assert chain.judged(SamplerStatus(1)).enough(effort)
     error = np.sqrt(np.diag(COVARIANCE) / chain.effective())
     assert np.all(np.abs(chain.vectors.reshape(-1, 3).mean(axis=0) - MEAN) < 4.5 * error)
 

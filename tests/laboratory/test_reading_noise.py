@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from bayesdeg.laboratory.experiment import Design, tear_films
-from bayesdeg.laboratory.truth import Truth, alike_along
+from bayesdeg.laboratory.truth import Truth, correlate_along
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.noise import noise_correlation, paths_of
 from tests.laboratory.linear_actuator import LENGTH_M, curvature_by_hand
@@ -43,7 +43,7 @@ def test_errors_are_alike_as_far_as_the_path_is_short():
     place = np.array([0.0, 0.5, 0.7, 2.0, 2.0, 6.0])
     z = np.random.default_rng(1).standard_normal(COUNT * len(place))
     specimen = np.repeat(np.arange(COUNT), len(place))
-    alike = by_specimen(alike_along(np.tile(place, COUNT), z, specimen=specimen, length=1.5))
+    alike = by_specimen(correlate_along(np.tile(place, COUNT), z, specimen=specimen, length=1.5))
     expected = alike_over(np.abs(place[:, None] - place) / 1.5)
     np.testing.assert_allclose(np.corrcoef(alike.T), expected, atol=WITHIN)
     np.testing.assert_allclose(alike.std(axis=0), 1.0, atol=WITHIN)
@@ -54,7 +54,7 @@ def test_the_order_of_the_rows_does_not_matter_to_the_law():
     generator = np.random.default_rng(2)
     place, specimen = np.array([3.0, 0.0, 1.0, 2.0]), ["a", "b", "a", "b"]
     z = generator.standard_normal(4)
-    alike = alike_along(place, z, specimen=specimen, length=2.0)
+    alike = correlate_along(place, z, specimen=specimen, length=2.0)
     rho = 0.8 * np.exp(-1.0)
     by_hand = {
         2: z[2],  # the first on the path of a
@@ -67,7 +67,9 @@ def test_the_order_of_the_rows_does_not_matter_to_the_law():
 
 def test_errors_without_a_length_are_those_that_were_drawn():
     z = np.random.default_rng(3).standard_normal(5)
-    np.testing.assert_array_equal(alike_along(np.arange(5.0), z, specimen=[0] * 5, length=0.0), z)
+    np.testing.assert_array_equal(
+        correlate_along(np.arange(5.0), z, specimen=[0] * 5, length=0.0), z
+    )
 
 
 def test_readings_of_an_actuator_are_alike_along_its_path_of_pressure():

@@ -31,7 +31,7 @@ from bayesdeg.laboratory.score import (
     combinations,
     credit,
     is_right,
-    says_false,
+    names_absent_cause,
     score,
     wilson,
 )
@@ -181,7 +181,7 @@ def test_of_sets_that_overlap_each_combination_counts_once():
     assert credit(said, hidden) == 1.0
     assert not is_right(answer("1", ["creep", "gravity"]), hidden)
     assert not is_right(answer("1", ["creep"], ["gravity"], ["erosion"]), hidden)
-    assert says_false(answer("1", ["creep"], ["erosion", "mullins"]), hidden)
+    assert names_absent_cause(answer("1", ["creep"], ["erosion", "mullins"]), hidden)
 
 
 def test_alternatives_are_combinations_that_no_product_gives():
@@ -189,8 +189,8 @@ def test_alternatives_are_combinations_that_no_product_gives():
     either = [["creep", "gravity"], ["erosion"], ["mullins", "creep"]]
     said = HiddenAnswer(study="1", outcome=Outcome.AMBIGUOUS, alternatives=either)
     assert credit(said, hidden) == pytest.approx(1 / 3)
-    assert not says_false(said, hidden)
-    assert says_false(said, truth("1", "gravity"))
+    assert not names_absent_cause(said, hidden)
+    assert names_absent_cause(said, truth("1", "gravity"))
     assert score([said], [hidden]).causes_said == 2.0  # four for two
     assert read_answers(lines_of([said]).encode(), "a.jsonl") == (said,)
     both = said.model_copy(update={"sets": (("creep",),)})

@@ -28,7 +28,7 @@ from bayesdeg.report.wording import parameter_words
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, TABLE, emulator
 
-MANNER = training.Manner(yes=True, quiet=True, refine=True)
+MANNER = training.TrainingOptions(yes=True, quiet=True, refine=True)
 
 
 def higher(surrogate, relative):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.inference.sampling import Effort, Standing, sample
+from bayesdeg.inference.sampling import Effort, SamplerStatus, sample
 from bayesdeg.pipeline.calibrate import Pace, calibrate, steps_left
 from bayesdeg.report.checkpoints import Checkpoints
 from tests.inference.test_ensemble import GaussianModel
@@ -265,9 +265,9 @@ def test_one_thread_and_two_give_the_same_chain(tmp_path):
 
 def test_time_left_is_unknown_while_moves_are_fitted_and_never_beyond_the_limit():
     effort = Effort(effective=400.0, r_hat=1.01, chunk=50, longest=1000)
-    assert np.isnan(steps_left(Standing(50), effort))
-    assert np.isnan(Pace().left(Standing(50), effort))
-    hopeless = Standing(250, kept=100, effective=5.0, r_hat=2.0, times=0.1)
+    assert np.isnan(steps_left(SamplerStatus(50), effort))
+    assert np.isnan(Pace().left(SamplerStatus(50), effort))
+    hopeless = SamplerStatus(250, kept=100, effective=5.0, r_hat=2.0, times=0.1)
     assert steps_left(hopeless, effort) == 750
     # nothing was computed: how long a step takes is not known
-    assert np.isnan(Pace().left(Standing(250, 100, 300.0, 1.02, 5.0, resumed=250), effort))
+    assert np.isnan(Pace().left(SamplerStatus(250, 100, 300.0, 1.02, 5.0, resumed=250), effort))

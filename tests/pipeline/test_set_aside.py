@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayesdeg.criticism.checks.suspects import Irregularity, Oddity, Suspect
+from bayesdeg.criticism.checks.suspects import Anomaly, Irregularity, Suspect
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline import experiment, run
 from bayesdeg.pipeline import suspects as screening
-from bayesdeg.pipeline.aside import Aside, is_set_aside, set_aside
+from bayesdeg.pipeline.aside import Exclusion, is_set_aside, set_aside
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import suspects_of
@@ -115,7 +115,7 @@ def picture(study, row=4):
     history = f"{cells['branch']} {int(cells['cycle'])} {cells['mount']}"
     time = -1.0 if np.isnan(cells["time_s"]) else float(cells["time_s"])
     key = ("A10-2", float(cells["pressure_kPa"]), history, time)
-    return Aside(suspect(Oddity.READING, at=key[1]), "actuator", ("A10-2",), (key,))
+    return Exclusion(suspect(Anomaly.READING, at=key[1]), "actuator", ("A10-2",), (key,))
 
 
 def test_of_a_picture_the_row_stays_and_what_was_read_goes(study):
@@ -130,15 +130,15 @@ def test_of_a_picture_the_row_stays_and_what_was_read_goes(study):
 
 def test_a_group_of_more_than_half_is_told_only(study):
     names = tuple(study.actuator["specimen_id"].unique()[:10])
-    one = Aside(suspect(Oddity.DAY, specimens=names), "actuator", names, (), is_out=False)
+    one = Exclusion(suspect(Anomaly.DAY, specimens=names), "actuator", names, (), is_out=False)
     assert set_aside(study, [one]).actuator is study.actuator
 
 
-@pytest.mark.parametrize("oddity", Oddity)
+@pytest.mark.parametrize("oddity", Anomaly)
 def test_every_oddity_has_its_words(oddity):
     found = suspect(oddity, at=120.0)
     way = found.hypothesis
-    one = Aside(found, "actuator", way.specimens, ())
+    one = Exclusion(found, "actuator", way.specimens, ())
     facts = {"one": one, "odd": found, "way": way, "partner": "", "stiffer": 1.35}
     said = sentences("findings", "suspect", **facts)
     assert said.startswith("A10-2 ")

@@ -36,7 +36,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import Linear, linearise
 from bayesdeg.criticism.fit.search import LEAST_FACTOR, Names, Search
-from bayesdeg.criticism.fit.trials import BENT, Trial
+from bayesdeg.criticism.fit.trials import BENT, CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
@@ -315,7 +315,7 @@ class Split:
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         The fitted model.
     known : AllElse
         What all else says.
@@ -323,7 +323,7 @@ class Split:
         The readings that it is judged by, linearised with the law of all else.
     """
 
-    trial: Trial
+    trial: CandidateFit
     known: AllElse
     linear: Linear
 
@@ -415,7 +415,7 @@ class Split:
         found = self.columns.T @ self.linear.whiten_columns(off)
         return np.asarray(found / self.known.sd)
 
-    def refit_shift(self, trial: Trial, effect: "PlacedEffect") -> Floats:
+    def refit_shift(self, trial: CandidateFit, effect: "PlacedEffect") -> Floats:
         """Return the same shift from a model fitted with the effect, (n_parameters,).
 
         This is how far the posterior mean returns if the effect is part of the model; in a linear
@@ -423,7 +423,7 @@ class Split:
 
         Parameters
         ----------
-        trial : Trial
+        trial : CandidateFit
             The same model with the effect's causes active, fitted.
         effect : PlacedEffect
             That of its causes.
@@ -441,7 +441,7 @@ class Split:
         return np.asarray(moved.T @ films.whiten_columns(effect.of(films.subject)))
 
 
-def _mean_of(trial: Trial) -> Floats:
+def _mean_of(trial: CandidateFit) -> Floats:
     return np.asarray(np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0))
 
 
@@ -453,7 +453,7 @@ def _with_all_counted(found: list[Displacement]) -> list[Displacement]:
     return found
 
 
-def split(trial: Trial) -> Split:
+def split(trial: CandidateFit) -> Split:
     """Separate a fitted model's readings from all else.
 
     If a parameter has adapted to the readings, these are linearised at its value from all else: a
@@ -462,7 +462,7 @@ def split(trial: Trial) -> Split:
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         The fitted model.
 
     Raises
@@ -663,12 +663,12 @@ def _push(causes: tuple[str, ...], factor: float, shift: Floats, names: Iterable
     return Push(causes, factor, dict(zip(names, shift.tolist(), strict=True)))
 
 
-def effect_in(trial: Trial, names: Names) -> PlacedEffect:
+def effect_in(trial: CandidateFit, names: Names) -> PlacedEffect:
     """Return the effect of some of a fitted model's causes.
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         With the causes active.
     names : frozenset of str
         Those whose effect it is.

@@ -16,7 +16,7 @@ from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.means import Statistic
-from bayesdeg.priors import Flat, Law, Parameter
+from bayesdeg.priors import Distribution, Flat, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
     return tuple(one for one in worst_first if one.p_value <= MISFIT_LEVEL)
 
 
-def surprise(law: Law, value: float) -> float:
+def surprise(law: Distribution, value: float) -> float:
     """Return the probability of values no more probable than this one.
 
     Examples

@@ -28,7 +28,7 @@ from scipy.special import ndtr, ndtri
 
 from bayesdeg.criticism.chance import chance_of, is_clear
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.observations.kinds import Places
 
@@ -356,7 +356,7 @@ def _posterior_mean(linear: Linear, kernel: Discrepancy, amplitude: float) -> Fl
     return linear.whitening.coloured(shrunk)
 
 
-def interval_with_discrepancy(trial: Trial, name: str) -> tuple[float, float]:
+def interval_with_discrepancy(trial: CandidateFit, name: str) -> tuple[float, float]:
     """Return the 90 % interval of a parameter with the best discrepancy added to the errors.
 
     In the linearised model, with δ ~ N(δ₀, Λ⁻¹) and readings of covariance V + K: K is the

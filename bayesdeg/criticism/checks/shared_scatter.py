@@ -14,7 +14,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import FEWEST
 from bayesdeg.criticism.fit.linear import is_seen
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.criticism.subject import columns_of
 from bayesdeg.material.degradation import levels
@@ -62,7 +62,7 @@ class SharedScatter:
         return self.p_value <= MISFIT_LEVEL
 
 
-def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
+def shared_scatter(trial: CandidateFit, simulated: Floats) -> list[SharedScatter]:
     r"""Test the scatter that each active cause adds to actuators against one shared by a level.
 
     With :math:`b_k = J_k \sqrt{\tau_k^2 - \tau_{0k}^2}` what one standard deviation of the added
@@ -75,7 +75,7 @@ def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         A fitted model with its causes.
     simulated : array, shape (n, n_readings)
         Data sets simulated from it, in which every specimen has its own deviation.
@@ -99,7 +99,7 @@ def shared_scatter(trial: Trial, simulated: Floats) -> list[SharedScatter]:
     return found
 
 
-def _added_scatter(trial: Trial, cause: Cause, own: Deviations) -> Floats:
+def _added_scatter(trial: CandidateFit, cause: Cause, own: Deviations) -> Floats:
     """Return the whitened effect of one sd of a cause's scatter, (n, n_specimens)."""
     subject, linear = trial.subject, trial.linear
     unseen = ~is_seen(linear.whiten_columns(linear.jacobian))
@@ -112,7 +112,7 @@ def _added_scatter(trial: Trial, cause: Cause, own: Deviations) -> Floats:
 
 
 def _tested(
-    trial: Trial, name: str, added: Floats, level: NDArray[np.int64], simulated: Floats
+    trial: CandidateFit, name: str, added: Floats, level: NDArray[np.int64], simulated: Floats
 ) -> SharedScatter:
     other = (level[:, None] == level) & ~np.eye(len(level), dtype=bool)
     basis, triangle = np.linalg.qr(added)

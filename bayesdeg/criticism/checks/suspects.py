@@ -88,7 +88,7 @@ itself: lengths of specimens may differ by more than their reading errors."""
 LOOSE_GROUPS = 0.05  # chance of a group that is left out at first
 
 
-class Oddity(StrEnum):
+class Anomaly(StrEnum):
     """Ways in which readings can be odd."""
 
     RESPONSE = "response"
@@ -104,12 +104,12 @@ class Oddity(StrEnum):
 
 
 OF_SPECIMENS = (
-    Oddity.RESPONSE,
-    Oddity.OFFSET,
-    Oddity.CURVATURE,
-    Oddity.ANGLE,
-    Oddity.BATCH,
-    Oddity.DAY,
+    Anomaly.RESPONSE,
+    Anomaly.OFFSET,
+    Anomaly.CURVATURE,
+    Anomaly.ANGLE,
+    Anomaly.BATCH,
+    Anomaly.DAY,
 )
 
 
@@ -119,7 +119,7 @@ class Irregularity:
 
     Parameters
     ----------
-    oddity : Oddity
+    oddity : Anomaly
         In which way.
     specimens : tuple of str
         Whose.
@@ -134,7 +134,7 @@ class Irregularity:
         Where on the path it begins, or stands; nan of whole specimens.
     """
 
-    oddity: Oddity
+    oddity: Anomaly
     specimens: tuple[str, ...]
     kind: str
     rows: Flags
@@ -209,7 +209,7 @@ def _of_family(
     places = subject.places
     for name in dict.fromkeys(places.specimen[rows].tolist()):
         own = rows & (places.specimen == name)
-        yield Irregularity(Oddity.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
+        yield Irregularity(Anomaly.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
         if ACTUATOR in places.family[own]:
             yield from _of_actuator(places, own, name, response, prediction)
         yield from _pictures(places, own, name, prediction)
@@ -222,9 +222,9 @@ def _of_actuator(
     places: Places, own: Flags, name: str, response: Floats, prediction: Floats
 ) -> Iterator[Irregularity]:
     shifted = response / np.maximum(np.abs(places.along), SMALL)
-    yield Irregularity(Oddity.OFFSET, (name,), "", own, np.where(own, shifted, 0.0))
+    yield Irregularity(Anomaly.OFFSET, (name,), "", own, np.where(own, shifted, 0.0))
     kinds = list(dict.fromkeys(places.kind[own].tolist()))
-    named = {CURVATURE: Oddity.CURVATURE, ANGLE: Oddity.ANGLE}
+    named = {CURVATURE: Anomaly.CURVATURE, ANGLE: Anomaly.ANGLE}
     for kind in kinds if len(kinds) > 1 else ():
         one = own & (places.kind == kind)
         if kind in named:
@@ -245,7 +245,7 @@ def _jumps(places: Places, own: Flags, name: str, prediction: Floats) -> Iterato
     for place in range(2, len(order) - 1):
         after = own & (step >= step[order[place]])
         at = float(places.along[order[place]])
-        yield Irregularity(Oddity.JUMP, (name,), "", after, np.where(after, unit, 0.0), at)
+        yield Irregularity(Anomaly.JUMP, (name,), "", after, np.where(after, unit, 0.0), at)
 
 
 def _cut_offs(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
@@ -258,7 +258,7 @@ def _cut_offs(places: Places, own: Flags, name: str, prediction: Floats) -> Iter
         if place != top and beyond.sum() > 1:
             lost = np.where(beyond, prediction[place] - prediction, 0.0)
             at = float(places.along[beyond].min())
-            yield Irregularity(Oddity.CUT_OFF, (name,), CURVATURE, beyond, lost, at)
+            yield Irregularity(Anomaly.CUT_OFF, (name,), CURVATURE, beyond, lost, at)
 
 
 def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[Irregularity]:
@@ -273,7 +273,7 @@ def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[I
         names = tuple(dict.fromkeys(places.specimen[beyond].tolist()))
         if beyond.sum() > 1 and len(names) > 1:
             lost = np.where(beyond, edge - prediction, 0.0)
-            yield Irregularity(Oddity.EDGE, names, CURVATURE, beyond, lost, float(edge))
+            yield Irregularity(Anomaly.EDGE, names, CURVATURE, beyond, lost, float(edge))
 
 
 def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
@@ -292,11 +292,11 @@ def _pictures(places: Places, own: Flags, name: str, prediction: Floats) -> Iter
         rows[taken] = True
         if len(taken) > 1 and len(set(places.kind[own].tolist())) > 1:
             whole = np.where(rows, prediction, 0.0)
-            yield Irregularity(Oddity.READING, (name,), "", rows, whole, at)
+            yield Irregularity(Anomaly.READING, (name,), "", rows, whole, at)
         for one in taken:
             alone = np.zeros(len(places))
             alone[one] = float(prediction[one]) or 1.0
-            yield Irregularity(Oddity.READING, (name,), str(places.kind[one]), rows, alone, at)
+            yield Irregularity(Anomaly.READING, (name,), str(places.kind[one]), rows, alone, at)
 
 
 def _taken_together(places: Places, own: Flags) -> Iterator[tuple[float, list[int]]]:
@@ -336,7 +336,7 @@ def _of_batches(
         own = rows & np.isin(places.specimen, group)
         several = len(np.unique(places.specimen[own])) > 1
         if several and not np.array_equal(own, rows):
-            yield Irregularity(Oddity.BATCH, group, "", own, np.where(own, response, 0.0))
+            yield Irregularity(Anomaly.BATCH, group, "", own, np.where(own, response, 0.0))
 
 
 def _of_days(
@@ -347,7 +347,7 @@ def _of_days(
     for group in dict.fromkeys(batches) if np.any(rows & (places.kind == ANGLE)) else ():
         own = curved & np.isin(places.specimen, group)
         if len(np.unique(places.specimen[own])) > 1 and not np.array_equal(own, curved):
-            yield Irregularity(Oddity.DAY, group, CURVATURE, own, np.where(own, prediction, 0.0))
+            yield Irregularity(Anomaly.DAY, group, CURVATURE, own, np.where(own, prediction, 0.0))
 
 
 # ---- scores
@@ -693,8 +693,8 @@ class Pool:
                 rows = (self.family == family) & (sort == name)
                 if rows.sum() >= FEWEST_OF_SORT:
                     found[rows] = np.median(np.abs(scores[rows])) / NORMAL_MEDIAN
-            batch = (self.family == family) & (sort == f"{Oddity.BATCH} ")
-            single = (self.family == family) & (sort == f"{Oddity.RESPONSE} ")
+            batch = (self.family == family) & (sort == f"{Anomaly.BATCH} ")
+            single = (self.family == family) & (sort == f"{Anomaly.RESPONSE} ")
             found[batch] = found[single][0] if single.any() else 1.0
         return np.maximum(found, LEAST_SCALE)
 
@@ -715,16 +715,16 @@ SHARES = np.array([0.4, 0.15, 0.25, 0.15, 0.05])
 the picture: larger if common mishaps are close to the scatter that hides them."""
 GROUPS = 2
 _PART = {
-    Oddity.RESPONSE: 0,
-    Oddity.OFFSET: 1,
-    Oddity.CURVATURE: 1,
-    Oddity.ANGLE: 1,
-    Oddity.BATCH: 2,
-    Oddity.DAY: 2,
-    Oddity.EDGE: 4,
-    Oddity.JUMP: 3,
-    Oddity.CUT_OFF: 3,
-    Oddity.READING: 3,
+    Anomaly.RESPONSE: 0,
+    Anomaly.OFFSET: 1,
+    Anomaly.CURVATURE: 1,
+    Anomaly.ANGLE: 1,
+    Anomaly.BATCH: 2,
+    Anomaly.DAY: 2,
+    Anomaly.EDGE: 4,
+    Anomaly.JUMP: 3,
+    Anomaly.CUT_OFF: 3,
+    Anomaly.READING: 3,
 }
 READING_DOF = 60
 """Degrees of freedom of reading errors: readings on all paths, less what a path has in common."""
@@ -821,7 +821,7 @@ def _with_groups(
 ) -> tuple[tuple[Irregularity, ...], Scored]:
     """Return hypotheses with groups that the scores suggest, without days that they do not."""
     free = Scored(now.observed, _with_free_response(known, now))
-    days = np.array([one.oddity is Oddity.DAY for one in known])
+    days = np.array([one.oddity is Anomaly.DAY for one in known])
     kept = np.flatnonzero(~_unclear_days(known, free, chance))
     told = [known[k] for k in kept if days[k]]
     groups = [
@@ -928,8 +928,8 @@ def _with_free_response(known: Sequence[Irregularity], now: Scored) -> Floats:
     Lengths affect curvature over bend angle, which does not depend on stiffness and is known to
     within the reading errors, whatever the specimen scatter.
     """
-    responses = [k for k, one in enumerate(known) if one.oddity is Oddity.RESPONSE]
-    lengths = [k for k, one in enumerate(known) if one.oddity in (Oddity.CURVATURE, Oddity.DAY)]
+    responses = [k for k, one in enumerate(known) if one.oddity is Anomaly.RESPONSE]
+    lengths = [k for k, one in enumerate(known) if one.oddity in (Anomaly.CURVATURE, Anomaly.DAY)]
     found = now.columns.copy()
     if lengths:
         basis = np.linalg.qr(now.columns[:, responses])[0]
@@ -939,9 +939,9 @@ def _with_free_response(known: Sequence[Irregularity], now: Scored) -> Floats:
 
 def _unclear_days(known: Sequence[Irregularity], free: Scored, chance: float) -> Flags:
     """Return a mask of day hypotheses within the scatter of specimen lengths, (m,)."""
-    members = np.array([k for k, one in enumerate(known) if one.oddity is Oddity.CURVATURE], int)
+    members = np.array([k for k, one in enumerate(known) if one.oddity is Anomaly.CURVATURE], int)
     names = [known[k].specimens[0] for k in members]
-    days = [k for k, one in enumerate(known) if one.oddity is Oddity.DAY]
+    days = [k for k, one in enumerate(known) if one.oddity is Anomaly.DAY]
     found = np.zeros(len(known), dtype=bool)
     dof = STATED_DOF + len(members) - 2
     for k in days:
@@ -958,7 +958,7 @@ def _two_groups(pool: Pool, now: Scored, chance: float) -> Iterator[tuple[Irregu
     means of a first and a last part, of at least `SMALLEST_GROUP` each; its law without groups is
     that of equal normal sizes. It needs no scale of the scatter, which two groups widen.
     """
-    for oddity, group in ((Oddity.CURVATURE, Oddity.DAY), (Oddity.RESPONSE, Oddity.BATCH)):
+    for oddity, group in ((Anomaly.CURVATURE, Anomaly.DAY), (Anomaly.RESPONSE, Anomaly.BATCH)):
         same = np.array([one.oddity is oddity for one in pool.known])
         for family in np.unique(pool.family):
             members = np.flatnonzero(same & (pool.family == family))
@@ -985,7 +985,7 @@ def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> ND
     return min(order[part[0] :], order[: part[0]], key=len)
 
 
-def _together(oddity: Oddity, ways: Sequence[Irregularity]) -> Irregularity:
+def _together(oddity: Anomaly, ways: Sequence[Irregularity]) -> Irregularity:
     """Return a joint hypothesis for specimens that are odd one by one."""
     names = tuple(one.specimens[0] for one in ways)
     rows = np.any([one.rows for one in ways], axis=0)
@@ -1070,11 +1070,11 @@ def _whole(places: Places, suspect: Suspect) -> Suspect:
     The kind of mishap is decided only once the scatter is known without it.
     """
     one = suspect.hypothesis
-    if one.oddity not in (Oddity.JUMP, Oddity.CUT_OFF):
+    if one.oddity not in (Anomaly.JUMP, Anomaly.CUT_OFF):
         return suspect
     family = places.family == places.family[np.argmax(one.rows)]
     rows = family & np.isin(places.specimen, one.specimens)
-    return replace(suspect, hypothesis=replace(one, oddity=Oddity.RESPONSE, rows=rows))
+    return replace(suspect, hypothesis=replace(one, oddity=Anomaly.RESPONSE, rows=rows))
 
 
 def _strict(
@@ -1108,7 +1108,7 @@ def _not_drawn_along(found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
     return tuple(
         one
         for one in found
-        if one.hypothesis.oddity is not Oddity.BATCH or not alone & set(one.hypothesis.specimens)
+        if one.hypothesis.oddity is not Anomaly.BATCH or not alone & set(one.hypothesis.specimens)
     )
 
 
@@ -1129,7 +1129,7 @@ def _pursued(
             break
         one = pool.known[best]
         found.append(_suspect(pool, now, whole, best))
-        if one.is_of_specimen or one.oddity is Oddity.READING:
+        if one.is_of_specimen or one.oddity is Anomaly.READING:
             left |= one.rows
         now = now.without(now.columns[:, best])
     return tuple(found)

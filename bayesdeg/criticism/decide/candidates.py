@@ -16,7 +16,7 @@ from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import fraction_explained
 from bayesdeg.criticism.fit.linear import Linear, effects, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.search import Names, Search, set_penalties
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
 from bayesdeg.criticism.subject import typical_size
 
@@ -215,7 +215,7 @@ def probabilities(search: Search) -> dict[str, float]:
 
 
 def effect_sizes(
-    trial: Trial, cause: Cause, generator: np.random.Generator
+    trial: CandidateFit, cause: Cause, generator: np.random.Generator
 ) -> dict[str, EffectSize]:
     """Return the posterior of each parameter of an active cause."""
     if trial.posterior.effective == 0.0:

@@ -35,7 +35,7 @@ from bayesdeg.criticism.decide.candidates import Candidate, effect_sizes
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.fit.linear import with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
-from bayesdeg.criticism.fit.trials import WANTED, Trial, with_sizes
+from bayesdeg.criticism.fit.trials import WANTED, CandidateFit, with_sizes
 from bayesdeg.criticism.subject import columns_of
 from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
@@ -95,7 +95,7 @@ class CountedCause:
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         The model with the cause and the counts; its evidence is comparable with that of the parent.
     support : Support
         What speaks for it.
@@ -103,7 +103,7 @@ class CountedCause:
         How probable the counts are with it.
     """
 
-    trial: Trial
+    trial: CandidateFit
     support: Support
     left: CountMisfit
 
@@ -163,7 +163,7 @@ class Counted:
 
 
 def judge_counts(
-    parent: Trial,
+    parent: CandidateFit,
     counts: RuptureCounts,
     causes: Iterable[Cause],
     generator: np.random.Generator,
@@ -172,7 +172,7 @@ def judge_counts(
 
     Parameters
     ----------
-    parent : Trial
+    parent : CandidateFit
         The model, with the causes that the readings favour.
     counts : RuptureCounts
         How many burst.
@@ -223,7 +223,7 @@ def _fitted(subject: JointModel, start: Floats, generator: np.random.Generator) 
 
 
 def _evidence_of_counts(
-    parent: Trial, counts: RuptureCounts, base: CountLaw, generator: np.random.Generator
+    parent: CandidateFit, counts: RuptureCounts, base: CountLaw, generator: np.random.Generator
 ) -> float:
     """Return the log probability of the counts given the readings, without a cause of rupture."""
     joint = parent.subject.with_observations(counts)
@@ -240,7 +240,7 @@ class _Found(NamedTuple):
 
 
 def _all_extended(
-    parent: Trial,
+    parent: CandidateFit,
     counts: RuptureCounts,
     causes: Sequence[Cause],
     known: Floats,
@@ -330,7 +330,7 @@ class _Extended:
 
     def judged(
         self,
-        parent: Trial,
+        parent: CandidateFit,
         base: CountLaw,
         without: float,
         chance: Floats,
@@ -353,7 +353,9 @@ class _Extended:
         )
         return CountedCause(trial, support, left)
 
-    def _trial(self, parent: Trial, without: float, generator: np.random.Generator) -> Trial:
+    def _trial(
+        self, parent: CandidateFit, without: float, generator: np.random.Generator
+    ) -> CandidateFit:
         """Fit the model with the cause and the counts, from the best draw of its prior.
 
         Counts leave the sizes of a cause on a ridge, around whose top there may be fewer effective
@@ -370,7 +372,7 @@ class _Extended:
             parent.centre, parent.uncertain, parent.subject, subject
         )
         log_evidence = parent.log_evidence + gain - without
-        return Trial(subject, mode, log_evidence, posterior, uncertain, centre)
+        return CandidateFit(subject, mode, log_evidence, posterior, uncertain, centre)
 
 
 def _held_out(extended: _Extended, base: CountLaw) -> tuple[float, float]:
@@ -405,7 +407,7 @@ def _with_rivals(one: CountedCause, found: Sequence[CountedCause]) -> CountedCau
     return replace(one, support=replace(one.support, rivals=rivals))
 
 
-def _prior_tail(trial: Trial, cause: Cause, drawn: Floats) -> float:
+def _prior_tail(trial: CandidateFit, cause: Cause, drawn: Floats) -> float:
     """Return the prior probability of a size as far from neutral as the posterior median."""
     size = cause.parameters[0]
     value = float(np.median(drawn[:, columns_of(trial.subject, cause)[0]]))

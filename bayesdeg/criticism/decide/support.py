@@ -8,9 +8,9 @@ import numpy as np
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.search import Names, Search, rivals
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.criticism.holdout.leaving_out import carried_out, one_by_one
+from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
 from bayesdeg.criticism.subject import columns_of
 from bayesdeg.inference.model import JointModel
 
@@ -195,7 +195,7 @@ def hold_out_each(
     plans = (one_by_one(_regrouped(search.trials[n], ways[way]), seed) for way, n in asked)
     told = None if on_set is None else (lambda place: on_set(asked[place][1]))
     found: list[dict[Names, HeldOut]] = [{} for _ in ways]
-    for (way, names), held_out in zip(asked, carried_out(plans, executor, told), strict=True):
+    for (way, names), held_out in zip(asked, run_folds(plans, executor, told), strict=True):
         found[way][names] = held_out
     return found
 
@@ -210,7 +210,7 @@ def can_be_held_out(subject: JointModel) -> bool:
     return len(subject.groups) >= (2 if np.any(subject.group != "") else 1)
 
 
-def _regrouped(trial: Trial, regroup: Regroup) -> Trial:
+def _regrouped(trial: CandidateFit, regroup: Regroup) -> CandidateFit:
     return replace(trial, subject=regroup(trial.subject))
 
 

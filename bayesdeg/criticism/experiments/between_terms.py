@@ -30,7 +30,7 @@ from bayesdeg.criticism.checks.known_terms import (
 )
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
 from bayesdeg.criticism.fit.linear import Linear
-from bayesdeg.criticism.fit.trials import Trial, try_causes
+from bayesdeg.criticism.fit.trials import CandidateFit, try_causes
 from bayesdeg.material.degradation import LEVEL_WIDTH, levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
 from bayesdeg.observations.specimens import FilmsAndActuators
@@ -116,13 +116,13 @@ class TermOnReading:
 
 
 def term_trials(
-    trial: Trial, found: MissingTerms, generator: np.random.Generator
-) -> tuple[Trial, ...]:
+    trial: CandidateFit, found: MissingTerms, generator: np.random.Generator
+) -> tuple[CandidateFit, ...]:
     """Return the model fitted again with each of the best, about equally good terms.
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         The model whose misfit was searched.
     found : MissingTerms
         What was found; of the first term those that fit as well are in question.
@@ -131,7 +131,7 @@ def term_trials(
 
     Returns
     -------
-    tuple of Trial
+    tuple of CandidateFit
         Empty where fewer than two terms of actuators are in question.
     """
     in_question = list(_in_question(found))[:IN_QUESTION]

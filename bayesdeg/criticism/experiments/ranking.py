@@ -28,7 +28,7 @@ from scipy.linalg import block_diag, cholesky, helmert, solve_triangular
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.side_by_side import apply
-from bayesdeg.criticism.fit.trials import Trial
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves, draw_readings
 from bayesdeg.observations.noise import Linearised, covariance
@@ -288,7 +288,7 @@ class Hypothesis:
 
 
 def hypotheses_of(
-    trials: Sequence[Trial],
+    trials: Sequence[CandidateFit],
     generator: np.random.Generator,
     *,
     untested: Sequence[Cause] = (),
@@ -298,7 +298,7 @@ def hypotheses_of(
 
     Parameters
     ----------
-    trials : sequence of Trial
+    trials : sequence of CandidateFit
         Fitted models of one study; causes that all have in common are not in question.
     generator : Generator
         Draws from the posteriors and priors.
@@ -321,7 +321,7 @@ def hypotheses_of(
 
 
 def _untested(
-    parent: Trial, cause: Cause, generator: np.random.Generator, draws: int
+    parent: CandidateFit, cause: Cause, generator: np.random.Generator, draws: int
 ) -> Hypothesis:
     model = parent.subject.extended(cause)
     known = dict(zip(parent.subject.table.names, parent.draws(generator, draws).T, strict=True))
@@ -393,7 +393,7 @@ class ReadingsLaw:
         return along + (k - 1) * across
 
 
-class Foretold(NamedTuple):
+class PredictiveReadings(NamedTuple):
     """The law of readings under one hypothesis, and readings drawn under it (k, n, d)."""
 
     law: ReadingsLaw
@@ -407,11 +407,11 @@ class Separation(NamedTuple):
     error: float
 
 
-def foretell(
+def predictive_readings(
     hypotheses: Sequence[tuple[JointModel, Named]],
     measurement: Measurement,
     generator: np.random.Generator,
-) -> list[Foretold]:
+) -> list[PredictiveReadings]:
     """Return the law of the readings under each hypothesis, and readings drawn under it.
 
     Parameters
@@ -425,7 +425,7 @@ def foretell(
 
     Returns
     -------
-    list of Foretold
+    list of PredictiveReadings
         Empty where too little of it can be foretold.
     """
     expected = [measurement.expected(model, values) for model, values in hypotheses]
@@ -441,11 +441,13 @@ def foretell(
         drawn = _drawn((model, known), measurement, usable, generator)
         if not drawn.shape[1]:
             return []
-        found.append(Foretold(law, drawn))
+        found.append(PredictiveReadings(law, drawn))
     return found
 
 
-def separation(first: Foretold, second: Foretold) -> tuple[Separation, Separation]:
+def separation(
+    first: PredictiveReadings, second: PredictiveReadings
+) -> tuple[Separation, Separation]:
     """Return the expectations if the first is true, and if the second is."""
     return _expected(first, second.law), _expected(second, first.law)
 
@@ -480,7 +482,7 @@ def _first(values: Named, count: int) -> dict[str, Floats]:
     return {name: value[:count] for name, value in values.items()}
 
 
-def _expected(truth: Foretold, other: ReadingsLaw) -> Separation:
+def _expected(truth: PredictiveReadings, other: ReadingsLaw) -> Separation:
     ratio = truth.law.log_density(truth.drawn) - other.log_density(truth.drawn)
     return Separation(float(ratio.mean()), float(ratio.std() / np.sqrt(len(ratio))))
 
@@ -626,7 +628,7 @@ class Ranked:
 
 
 def rank(
-    trials: Sequence[Trial],
+    trials: Sequence[CandidateFit],
     experiments: Sequence[Experiment],
     generator: np.random.Generator,
     *,
@@ -640,7 +642,7 @@ def rank(
 
     Parameters
     ----------
-    trials : sequence of Trial
+    trials : sequence of CandidateFit
         Fitted models between which the data so far do not decide, as a cause and its rivals.
     experiments : sequence of Experiment
         Candidates, see `bayesdeg.criticism.experiments.designs.candidate_experiments`.
@@ -704,7 +706,7 @@ def compare(
     result is empty if that leaves none, or less than half of the draws of a hypothesis.
     """
     named = [_named(h, generator, measurement.errors) for h in hypotheses]
-    foretold = foretell(named, measurement, generator)
+    foretold = predictive_readings(named, measurement, generator)
     pairs = [
         _pair((a.name, b.name), separation(first, second))
         for (a, first), (b, second) in combinations(zip(hypotheses, foretold, strict=False), 2)

@@ -23,7 +23,14 @@ from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.screening import JointScreening, Screened, largest_by_chance, screen
 from bayesdeg.criticism.fit.side_by_side import apply
-from bayesdeg.criticism.fit.trials import DECIDING, SETTLING, Trial, from_prior, settled, try_causes
+from bayesdeg.criticism.fit.trials import (
+    DECIDING,
+    SETTLING,
+    CandidateFit,
+    from_prior,
+    settled,
+    try_causes,
+)
 from bayesdeg.criticism.outcome import LEFT_LEVEL
 
 Floats = NDArray[np.float64]
@@ -38,7 +45,7 @@ class Step:
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         The fitted model.
     misfit : Misfit
         What it leaves unexplained.
@@ -49,14 +56,14 @@ class Step:
     threshold : float
         Log Bayes factor that naming one more takes.
     unbent : mapping
-        The causes screened where no parameter has given way to the misfit, see `Trial.unbent`;
-        empty if none has.
+        The causes screened where no parameter has given way to the misfit, see
+        `CandidateFit.unbent`; empty if none has.
     chance : array, shape (k,)
         Log Bayes factor of the best of all other causes in each of the simulated data sets, which
         hold no further effect: what `threshold` comes from [nats]. Empty if there are none.
     """
 
-    trial: Trial
+    trial: CandidateFit
     misfit: Misfit
     simulated: Floats
     screened: dict[str, Screened]
@@ -167,7 +174,7 @@ class Search:
 
     Parameters
     ----------
-    base : Trial
+    base : CandidateFit
         Without a cause.
     causes : tuple of Cause
         All that may be named.
@@ -181,13 +188,13 @@ class Search:
         Called with the names of each set that was fitted.
     """
 
-    base: Trial
+    base: CandidateFit
     causes: tuple[Cause, ...]
     effort: SearchEffort
     seed: np.random.SeedSequence
     executor: Executor | None = None
     on_fit: Callable[[str], None] | None = None
-    trials: dict[Names, Trial] = field(default_factory=dict)
+    trials: dict[Names, CandidateFit] = field(default_factory=dict)
     steps: dict[Names, Step] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -332,7 +339,7 @@ class Search:
         better = sorted((n for n in left if left[n] > least), key=lambda n: -left[n])
         return better[: self.effort.fitted]
 
-    def _look(self, trial: Trial) -> Step:
+    def _look(self, trial: CandidateFit) -> Step:
         generator = np.random.default_rng(self._seed(trial.names, 1))
         linear = trial.linear
         simulate = partial(_simulated, trial, generator)
@@ -348,7 +355,7 @@ class Search:
         least = naming_threshold(chance)
         return Step(trial, misfit, known, screened, least, self._unbent(trial, others), chance)
 
-    def _unbent(self, trial: Trial, causes: list[Cause]) -> dict[str, Screened]:
+    def _unbent(self, trial: CandidateFit, causes: list[Cause]) -> dict[str, Screened]:
         linear = trial.unbent()
         if linear is None:
             return {}
@@ -362,7 +369,7 @@ class Search:
         return np.random.SeedSequence(self.seed.entropy, spawn_key=(*self.seed.spawn_key, *key))
 
 
-def _simulated(trial: Trial, generator: np.random.Generator, count: int) -> Floats:
+def _simulated(trial: CandidateFit, generator: np.random.Generator, count: int) -> Floats:
     """Return data sets simulated from a fitted model, (count, n_readings)."""
     draws = _as_refitted(trial.linear, trial.draws(generator, count))
     return trial.linear.straightened(draws, trial.subject.simulated(draws, generator))
@@ -719,15 +726,17 @@ class SetScale:
         return list(found.values())
 
 
-def _fitted(parent: Trial, job: tuple[Cause, Floats, np.random.SeedSequence]) -> Trial:
+def _fitted(
+    parent: CandidateFit, job: tuple[Cause, Floats, np.random.SeedSequence]
+) -> CandidateFit:
     cause, size, seed = job
     return try_causes(parent, cause, size, np.random.default_rng(seed))
 
 
-type _Way = tuple[Trial, list[tuple[Cause, Floats, np.random.SeedSequence]]]
+type _Way = tuple[CandidateFit, list[tuple[Cause, Floats, np.random.SeedSequence]]]
 
 
-def _fitted_in_turn(way: _Way) -> list[Trial]:
+def _fitted_in_turn(way: _Way) -> list[CandidateFit]:
     trial, found = way[0], []
     for job in way[1]:
         trial = _fitted(trial, job)
@@ -735,7 +744,7 @@ def _fitted_in_turn(way: _Way) -> list[Trial]:
     return found
 
 
-def _screened(trial: Trial, job: tuple[Cause, np.random.SeedSequence]) -> Screened:
+def _screened(trial: CandidateFit, job: tuple[Cause, np.random.SeedSequence]) -> Screened:
     cause, seed = job
     found = screen(trial.linear, cause)
     if not cause.is_of_rupture_alone:

@@ -39,7 +39,7 @@ between seeds; in two, the second gave 844 and 1,721."""
 
 
 @dataclass(frozen=True)
-class Trial:
+class CandidateFit:
     """A model with a set of causes, fitted.
 
     Parameters
@@ -113,18 +113,20 @@ class Trial:
         return self.subject.table.named(self.draws(generator, count))[name]
 
 
-def base_trial(subject: JointModel, mode: Floats, posterior: Evidence) -> Trial:
+def base_trial(subject: JointModel, mode: Floats, posterior: Evidence) -> CandidateFit:
     """Return the trial of a model that is already fitted."""
     centre, uncertain = rest_law(subject, mode)
-    return Trial(subject, mode, posterior.log_evidence, posterior, uncertain, centre)
+    return CandidateFit(subject, mode, posterior.log_evidence, posterior, uncertain, centre)
 
 
-def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.Generator) -> Trial:
+def try_causes(
+    parent: CandidateFit, cause: Cause, size: Floats, generator: np.random.Generator
+) -> CandidateFit:
     """Fit a model extended by one more cause: mode and importance sample.
 
     Parameters
     ----------
-    parent : Trial
+    parent : CandidateFit
         Without the cause.
     cause : Cause
         What is added.
@@ -147,10 +149,10 @@ def try_causes(parent: Trial, cause: Cause, size: Floats, generator: np.random.G
         laplace = approximate(subject, generator, start=top[0])
         posterior = about_mode(subject, laplace, generator, enough=WANTED)
     centre, uncertain = with_prior_moments(parent.centre, parent.uncertain, parent.subject, subject)
-    return Trial(subject, laplace.mode, posterior.log_evidence, posterior, uncertain, centre)
+    return CandidateFit(subject, laplace.mode, posterior.log_evidence, posterior, uncertain, centre)
 
 
-def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> list[Floats]:
+def _starts(parent: CandidateFit, subject: JointModel, cause: Cause, size: Floats) -> list[Floats]:
     """Return the best start: no effect; the guessed size; that with other parameters readjusted.
 
     The last is the most probable δ of the parent's linear model for readings less the effect. For a
@@ -183,7 +185,7 @@ def _starts(parent: Trial, subject: JointModel, cause: Cause, size: Floats) -> l
 
 
 def _best_of_prior(
-    parent: Trial, subject: JointModel, cause: Cause, generator: np.random.Generator
+    parent: CandidateFit, subject: JointModel, cause: Cause, generator: np.random.Generator
 ) -> Floats:
     """Return the best vector at the parent's mode, with prior sizes of a cause.
 
@@ -203,7 +205,7 @@ def wanted(subject: JointModel) -> float:
     return WANTED_OF_RUPTURES if of_rupture else WANTED
 
 
-def firm(trial: Trial, generator: np.random.Generator) -> Trial:
+def firm(trial: CandidateFit, generator: np.random.Generator) -> CandidateFit:
     """Return a trial with enough effective draws for its evidence; itself if it has them.
 
     Too few effective draws about a mode indicate posterior mass far from it. A wider distribution
@@ -218,7 +220,9 @@ def firm(trial: Trial, generator: np.random.Generator) -> Trial:
     return replace(trial, posterior=found, log_evidence=found.log_evidence, is_near_mode=False)
 
 
-def settled(trial: Trial, generator: np.random.Generator, draws: int = SETTLING) -> Trial:
+def settled(
+    trial: CandidateFit, generator: np.random.Generator, draws: int = SETTLING
+) -> CandidateFit:
     """Return a trial with its evidence estimated again from a distribution fitted to the draws.
 
     A result close to a threshold should not depend on the hundred effective draws of a first fit.
@@ -236,7 +240,7 @@ def sharpened(
 
 
 def from_prior(
-    parent: Trial, cause: Cause, generator: np.random.Generator, draws: int = DRAWS
+    parent: CandidateFit, cause: Cause, generator: np.random.Generator, draws: int = DRAWS
 ) -> Evidence:
     """Average the likelihood ratio over a model's posterior and the prior of one more cause.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.criticism.fit.trials import Trial, firm, sharpened, wanted
+from bayesdeg.criticism.fit.trials import CandidateFit, firm, sharpened, wanted
 from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
     Folds,
@@ -20,7 +20,7 @@ from bayesdeg.criticism.holdout.held_out import (
 
 Floats = NDArray[np.float64]
 _Fold = tuple[NDArray[np.intp], Floats, Floats]
-_Job = tuple[Trial, NDArray[np.intp], np.random.SeedSequence]
+_Job = tuple[CandidateFit, NDArray[np.intp], np.random.SeedSequence]
 
 KEPT = 1000
 """Draws of a first fit that are reweighted, some ten per effective one; of a settled fit all."""
@@ -33,7 +33,7 @@ class FoldPlan:
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         Fitted to all groups.
     known : HeldOut
         What weighting its draws gives already; nan of groups that were not weighted.
@@ -43,7 +43,7 @@ class FoldPlan:
         One for each part.
     """
 
-    trial: Trial
+    trial: CandidateFit
     known: HeldOut
     parts: tuple[NDArray[np.intp], ...]
     seeds: tuple[np.random.SeedSequence, ...]
@@ -65,7 +65,7 @@ class FoldPlan:
 
 
 def predict_one_by_one(
-    trial: Trial,
+    trial: CandidateFit,
     *,
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
@@ -74,19 +74,19 @@ def predict_one_by_one(
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         Fitted to all groups.
     seed : SeedSequence
         A child for each group.
     executor : Executor, optional
         Runs calibrations side by side.
     """
-    [found] = carried_out([one_by_one(trial, seed)], executor)
+    [found] = run_folds([one_by_one(trial, seed)], executor)
     return found
 
 
 def predict_folds(
-    trial: Trial,
+    trial: CandidateFit,
     fold: Folds,
     *,
     seed: np.random.SeedSequence,
@@ -96,7 +96,7 @@ def predict_folds(
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         Fitted to all groups.
     fold : array of int, shape (n_groups,)
         When each group is left out.
@@ -105,11 +105,11 @@ def predict_folds(
     executor : Executor, optional
         Runs the folds side by side.
     """
-    [found] = carried_out([in_folds(trial, fold, seed)], executor)
+    [found] = run_folds([in_folds(trial, fold, seed)], executor)
     return found
 
 
-def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
+def one_by_one(trial: CandidateFit, seed: np.random.SeedSequence) -> FoldPlan:
     """Plan to predict each group from all others.
 
     Draws of the posterior are weighted by 1/p(y_g | θ), smoothed by a Pareto law; if its shape
@@ -117,7 +117,7 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
 
     Parameters
     ----------
-    trial : Trial
+    trial : CandidateFit
         Fitted to all groups.
     seed : SeedSequence
         A child for each calibration.
@@ -151,7 +151,7 @@ def one_by_one(trial: Trial, seed: np.random.SeedSequence) -> FoldPlan:
     return FoldPlan(trial, known, parts, tuple(seed.spawn(len(parts))))
 
 
-def in_folds(trial: Trial, fold: Folds, seed: np.random.SeedSequence) -> FoldPlan:
+def in_folds(trial: CandidateFit, fold: Folds, seed: np.random.SeedSequence) -> FoldPlan:
     """Plan to calibrate without each fold of groups in turn; see `predict_folds`."""
     trial = firm(trial, np.random.default_rng(seed))
     subject = trial.subject
@@ -162,7 +162,7 @@ def in_folds(trial: Trial, fold: Folds, seed: np.random.SeedSequence) -> FoldPla
     return FoldPlan(trial, nothing, parts, tuple(seed.spawn(len(parts))))
 
 
-def carried_out(
+def run_folds(
     plans: Iterable[FoldPlan],
     executor: Executor | None = None,
     on_plan: Callable[[int], None] | None = None,

@@ -37,7 +37,7 @@ from bayesdeg.material.laws import (
 )
 from bayesdeg.observations.noise import path_grams
 from bayesdeg.observations.tensile import TensileCurves
-from bayesdeg.priors import Law
+from bayesdeg.priors import Distribution
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -79,12 +79,12 @@ class LevelFilms:
     ----------
     curves : TensileCurves
         What was read.
-    priors : mapping of str to Law
+    priors : mapping of str to Distribution
         Priors of `NOISE`.
     """
 
     curves: TensileCurves
-    priors: Mapping[str, Law]
+    priors: Mapping[str, Distribution]
 
     @cached_property
     def centres(self) -> Floats:
@@ -607,7 +607,7 @@ class LawComparison:
 
 def compare_laws(
     curves: TensileCurves,
-    priors: Mapping[str, Law],
+    priors: Mapping[str, Distribution],
     *,
     used: str = "yeoh",
     names: Sequence[str] = tuple(FORMS),
@@ -618,7 +618,7 @@ def compare_laws(
     ----------
     curves : TensileCurves
         Stress–stretch curves of the films.
-    priors : mapping of str to Law
+    priors : mapping of str to Distribution
         Those of the parameters in `NOISE`.
     used : str
         The law of the study's model.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdeg.inference.density import Density
-from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, Standing
+from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, SamplerStatus
 
 LARGEST_R_HAT = 1.2
 """R̂ above which ensembles contradict each other: the spread between them is two thirds of that
@@ -85,7 +85,7 @@ def diagnose(
     R̂ is that of Vehtari et al. (2021), doi:10.1214/20-BA1221, over ensembles, which are
     independent; the walkers of one ensemble are not.
     """
-    standing, bulk = chain.judged(Standing()), chain.effective()
+    standing, bulk = chain.judged(SamplerStatus()), chain.effective()
     ensembles, steps, walkers, _ = chain.vectors.shape
     times = ensembles * steps * walkers / bulk
     return Convergence(
@@ -104,7 +104,7 @@ def diagnose(
     )
 
 
-def _more_helps(standing: Standing, effort: Effort) -> bool:
+def _more_helps(standing: SamplerStatus, effort: Effort) -> bool:
     """Return whether the larger number of steps of a higher effort would suffice."""
     wanted = standing.steps_wanted(effort)
     longer = [e.longest for e in EFFORTS.values() if e.longest > effort.longest]
