@@ -100,7 +100,7 @@ def test_emulate_says_the_time_trains_and_ends_with_a_table(here, command):
     expected = next(i for i, line in enumerate(lines) if line.startswith("training takes"))
     assert duration(0.0) in lines[expected]
     assert "2 of " in lines[expected]
-    assert "kept in .cache/campaign" in lines[expected]
+    assert "in .cache/campaign" in lines[expected]
     table = [line for line in lines if line.startswith("│ all")]
     assert table
     assert lines.index(table[0]) > expected
