@@ -168,6 +168,6 @@ def test_a_death_by_chance_costs_nothing(wanted, tmp_path):
 
 def test_a_pool_that_stays_broken_is_a_clear_error(wanted, tmp_path):
     store = SolutionStore(tmp_path)
-    with pytest.warns(UserWarning, match="died"), pytest.raises(BayesdegError, match="go on"):
+    with pytest.warns(UserWarning, match="died"), pytest.raises(BayesdegError, match="resume"):
         complete(wanted, store, executor=Fragile({wanted[5]}, opens_again=False))
     assert set(missing(wanted, store)) == set(wanted[4:])
