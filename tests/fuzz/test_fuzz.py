@@ -37,6 +37,7 @@ def test_what_once_failed_is_answered_or_refused(kept, folders):
     assert not fault_of(folders(kept.parent.name), command, changes)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_short_search_finds_no_fault(tmp_path):
     words = ("--inputs", str(INPUTS), "--seed", str(CHANCE), "--found", str(tmp_path / "found"))

@@ -71,6 +71,7 @@ def test_the_hidden_effect_is_named_and_its_size_found(run):
     assert_named(RunFolder(run).read_json("verdict"))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_verbs_of_the_library_say_the_same(run):
     told = RunFolder(run).read_json("verdict")

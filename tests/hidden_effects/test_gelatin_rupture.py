@@ -45,6 +45,7 @@ def predicted(trial):
     return table["probability"].to_numpy()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_flaws_are_named(judgement):
     truth = json.loads((STUDY / "truth.json").read_text(encoding="utf-8"))
@@ -54,6 +55,7 @@ def test_flaws_are_named(judgement):
     assert judgement.misfit.p_value > 0.05  # readings of curvature show nothing
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_onset_of_flaws_is_that_of_the_truth(judgement):
     truth = json.loads((STUDY / "truth.json").read_text(encoding="utf-8"))
@@ -63,6 +65,7 @@ def test_the_onset_of_flaws_is_that_of_the_truth(judgement):
     assert onset.q95 - onset.q05 < 10.0  # %; its prior leaves 17
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_probabilities_follow_what_burst(judgement):
     """Seven in eight of those like the six most degraded burst before 400 kPa."""

@@ -18,6 +18,7 @@ print(kernels.solid.stats.cache_path)
 """
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_a_process_beside_the_fits_leaves_the_kernels_of_a_picture_in_the_cache(tmp_path):
