@@ -111,7 +111,7 @@ ELSEWHERE = {
     *(table_stage(columns.TRACES), table_stage(columns.PHOTO_LINES), figure_stage("photographs")),
 }
 STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
-# tables go one way, and figures another: a plain run breaks two of each
+# all tables share one mechanism, and all figures another: two of each will do in a plain run
 PLAIN_ONES = {"bands.csv", "gain.csv", "figure bands", "figure rupture"}
 TRIED = [
     pytest.param(
