@@ -43,7 +43,7 @@ if (shift := os.environ.get("BAYESDEG_TEST_SEED")) is not None:
 
 
 def pytest_addoption(parser):
-    """Offer the campaigns that a plain run leaves out."""
+    """Add the option to run long campaigns."""
     parser.addoption("--run-long", action="store_true", help="also run tests that are marked long")
 
 

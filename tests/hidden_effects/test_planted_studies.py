@@ -41,7 +41,7 @@ ALIKE = {
 }
 NO_ANGLE, WITHOUT = (WALLS, SHRUNK), "without angle"
 FARTHEST = 3.5  # standard deviations of a size
-# of each kind of outcome one study or two: all of them take a quarter of an hour of two cores
+# one or two studies for each kind of outcome; the full set takes several times as long
 PLAIN = {"01", "08", WALLS, LEAK, TWO, NOTHING, OUTSIDE, FLAWS, BRITTLE, BATCH}
 
 

@@ -11,11 +11,13 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from bayesdeg.cli import app
+from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.photographs.outline import Silhouette, _with_slots
 from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.plane import _board, grid_plane, ruler_plane
-from bayesdeg.photographs.trace import PictureScale, _refuse_target, angle_and_length, trace
+from bayesdeg.photographs.record import corrected
+from bayesdeg.photographs.trace import STIFF, PictureScale, _refuse_target, angle_and_length, trace
 
 
 @pytest.fixture(scope="module")
@@ -324,3 +326,16 @@ def test_stiff_ends_are_seen_to_be_stiff(bent):
     assert found.bent_ends < 0.01
     angle, _ = angle_and_length(bent.line)
     assert found.angle == pytest.approx(abs(np.degrees(angle)), abs=2.0 * found.angle_error)
+
+
+def test_errors_of_moved_points_are_scaled_as_the_angle_is():
+    """An angle read through bent ends is larger by 1/(1 - STIFF), and so is its error."""
+    places = tuple((10.0 * k, 0.3 * k**2) for k in range(12))
+    read = TracedPhotograph(
+        pixels=places, errors=((0.01, 0.01),) * 12, to_mm=((0.1, 0, 0), (0, -0.1, 0), (0, 0, 1))
+    )
+    moved = np.array(places)
+    moved[-1, 1] += 1.0
+    stiff, bent = (corrected(read.model_copy(update={"bent_ends": p}), moved) for p in (0.1, 0.9))
+    for name in ("bend_angle_deg", "bend_angle_error_deg", "curvature_error_per_m"):
+        assert getattr(bent, name) == pytest.approx(getattr(stiff, name) / (1 - STIFF), rel=1e-3)
