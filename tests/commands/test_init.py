@@ -43,7 +43,7 @@ def test_it_says_what_to_do_next(tmp_path):
 def test_a_folder_that_holds_files_stays_as_it_is(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     for folder in (tmp_path, tmp_path / "notes.txt"):
-        with pytest.raises(BayesdegError, match="name a new folder"):
+        with pytest.raises(BayesdegError, match="new folder"):
             write_starter(folder)
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
 

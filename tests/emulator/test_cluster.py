@@ -154,7 +154,7 @@ def test_workers_that_lack_or_differ_are_clear_errors(monkeypatch, tmp_path):
         with pytest.warns(UserWarning, match="have several threads"):
             opened = stack.enter_context(cluster_executor(dask.address))
         kill(dask.workers[0])
-        with pytest.raises(BayesdegError, match="no worker for 1 s"):
+        with pytest.raises(BayesdegError, match="no worker"):
             complete(RUNS, store, executor=opened)
 
 

@@ -119,7 +119,7 @@ def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged
     assert record.update.times == 1
     assert set(record.update.posteriors) == {"final", "base"}
     assert new.read_verdict() == RunFolder(report).read_verdict()
-    assert "verdict was not updated" in found.messages[-1]
+    assert "not updated" in found.messages[-1]
     written = {name for name in ANEW if new.read_table(name) is not None}
     assert written == set(ANEW) - {"fitted", "lifetime"}
     observed = new.read_table("observations")
@@ -268,7 +268,7 @@ def test_draws_of_another_density_are_refused(places, bayesdeg):
     new.write(new.read_run().model_copy(update={"posteriors": new.posterior_hashes()}))
     code, _, said = bayesdeg("update", report, folder / "new.csv", "--emulator", file)
     assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
-    assert "differs from the record" in said
+    assert "differs from" in said
 
 
 def test_added_rows_that_were_changed_are_refused(places, bayesdeg):
