@@ -23,7 +23,7 @@ project_copyright = "the bayesdeg developers"
 version = release = package_facts.VERSION
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-exclude_patterns = ["_build", "reports", "README.md", "generated/**/*.inc"]
+exclude_patterns = ["_build", "README.md", "generated/**/*.inc"]
 myst_enable_extensions = ["dollarmath", "deflist", "attrs_inline", "colon_fence"]
 myst_heading_anchors = 3
 html_theme = "furo"
@@ -64,7 +64,9 @@ def write_pages(app):
 def copy_reports(app, failure):
     """Put the published reports beside the pages that link them."""
     if failure is None and app.builder.format == "html":
-        shutil.copytree(HERE / "reports", Path(app.outdir) / "reports", dirs_exist_ok=True)
+        for folder in generate.REPORTS:
+            target = Path(app.outdir) / "reports" / folder.name
+            shutil.copytree(folder, target, dirs_exist_ok=True)
 
 
 def setup(app):

@@ -1,9 +1,8 @@
-"""Run the two studies whose reports are published, and put their pages and tables in `reports/`.
+"""Run the two published studies and put their pages and tables in `reports/`.
 
-Users' own runs go to ``reports/`` at the root of the repository, which is not under version
-control; a run of ``studies/gelatin_actuator`` would overwrite a published report there. So these
-stand in ``docs/reports/``, without posteriors and meshes, and with figures made smaller: numbers
-in drawings have one decimal, pictures in them 64 colours.
+A user's own runs go to `reports/` too; .gitignore keeps everything out but tables and pages of
+these two. Published folders have no posteriors and meshes, their drawings one decimal, pictures
+in them 64 colours, and each page ends with the commit that made it.
 
     uv run python docs/publish_reports.py
 """
@@ -19,8 +18,9 @@ from pathlib import Path
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
-TARGET = ROOT / "docs" / "reports"
+TARGET = ROOT / "reports"
 RUNS = ROOT / ".cache" / "published"
+COMMAND = "uv run python docs/publish_reports.py"
 STUDIES = ("gelatin_actuator", "treloar")
 PUBLISHED = ("*.csv", "verdict.json", "run.json")
 DRAWN = re.compile(r'((?<=\s)(?:d|x|y|x1|x2|y1|y2|points)=")([^"]*)"')
@@ -69,12 +69,20 @@ def publish(run: Path, target: Path) -> None:
     for pattern in PUBLISHED:
         for file in sorted(run.glob(pattern)):
             shutil.copy(file, target / file.name)
-    page = smaller((run / "index.html").read_text(encoding="utf-8"))
+    page = marked(smaller((run / "index.html").read_text(encoding="utf-8")))
     (target / "index.html").write_text(page, encoding="utf-8")
     size = len(page.encode())
     print(f"{target.relative_to(ROOT)}/index.html: {size / 1e6:.2f} MB")
     if size > LARGEST_BYTES:
         raise SystemExit(f"{target.name}: the page is larger than {LARGEST_BYTES / 1e6:g} MB")
+
+
+def marked(page: str) -> str:
+    """Return a page that ends with the commit and the command that made it."""
+    describe = ["git", "describe", "--always", "--dirty", "--abbrev=8", "--exclude=*"]
+    done = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=True)
+    line = f"Made by commit {done.stdout.strip()} with <code>{COMMAND}</code>."
+    return page.replace("</body>", f"<footer>{line}</footer>\n</body>")
 
 
 def smaller(page: str) -> str:

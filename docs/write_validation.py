@@ -25,7 +25,7 @@ from hidden_summary import summary_of_record
 from bayesdeg.laboratory.score import score, wilson
 
 ROOT = Path(__file__).resolve().parents[1]
-BENCHMARKS, REPORTS = ROOT / "benchmarks", ROOT / "docs" / "reports"
+BENCHMARKS, REPORTS = ROOT / "benchmarks", ROOT / "reports"
 PAGES = {"claims": ROOT / "docs" / "validation.md", "rates": ROOT / "README.md"}
 UNKNOWN = "not known"
 NORMAL_95 = 1.96  # half of a 95 % interval, in standard errors

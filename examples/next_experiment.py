@@ -8,7 +8,7 @@ published report; ``bayesdeg next REPORT`` prints the same.
 import json
 from pathlib import Path
 
-verdict = json.loads(Path("docs/reports/gelatin_actuator/verdict.json").read_text())
+verdict = json.loads(Path("reports/gelatin_actuator/verdict.json").read_text())
 print(verdict["outcome"], *verdict["causes"], end="\n\n")
 for experiment in verdict["next_experiments"][:4]:
     gain, price = experiment["expected_log_bayes_factor"], experiment["specimens"]

@@ -62,7 +62,7 @@ def test_its_rates_are_those_of_the_recorded_verdicts(monkeypatch):
 
 
 def test_what_its_reports_say_is_published():
-    verdict = json.loads((ROOT / "docs/reports/gelatin_actuator/verdict.json").read_text())
+    verdict = json.loads((ROOT / "reports/gelatin_actuator/verdict.json").read_text())
     (size,) = verdict["candidates"][0]["effect"].values()
     assert verdict["causes"] == ["pressure_offset"]
     assert f"{size['mean']:.1f} kPa" in README
