@@ -237,7 +237,7 @@ cli.main()
 @pytest.mark.parametrize(
     ("fault", "code", "words"),
     [
-        (OSError(28, "No space left on device", "x"), cli.STOPPED, "no room for x"),
+        (OSError(28, "No space left on device", "x"), cli.STOPPED, "no space left for x"),
         (OSError(36, "File name too long", 300 * "a"), cli.INPUT_FAULT, "too long"),
         (MemoryError(), cli.STOPPED, "not enough memory"),
         (OSError(5, "Input/output error"), cli.OUR_FAULT, "Input/output error"),

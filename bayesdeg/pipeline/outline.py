@@ -470,7 +470,7 @@ def unused(study: Study) -> tuple[str, ...]:
     >>> import pandas as pd
     >>> films = pd.DataFrame({"specimen_id": ["a"], "stretch": [1.0], "stress_MPa": [0.0]})
     >>> unused(Study("rubber", Path("rubber"), tensile=films))
-    ('1 row of tensile.csv (a): stretch 1 and stress 0, which every material has',)
+    ('1 row of tensile.csv (a): stretch 1 and stress 0, as for every material',)
     """
     return tuple(_sentences("unused", one=one) for one in study.unused)
 

@@ -55,7 +55,7 @@ class Posterior:
     @property
     def is_stored(self) -> bool:
         """Whether a run wrote it."""
-        return bool(self.run.version)
+        return self.run is not NOT_RECORDED
 
     @property
     def name(self) -> str:

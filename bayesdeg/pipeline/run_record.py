@@ -415,8 +415,8 @@ def refusal_words(refusals: Refusals) -> str:
 
     Examples
     --------
-    >>> refusal_words(Refusals(200_000, 50))
-    'The emulator refused 50 of 200000 proposals of the sampler (0.025 %) as outside its training.'
+    >>> refusal_words(Refusals(200_000, 50)).split(" as ")[0]
+    'The emulator refused 50 of 200000 proposals of the sampler (0.025 %)'
     """
     facts = {"proposed": refusals.proposed, "refused": refusals.refused, "worrying": WORRYING}
     return sentences("run", "refusals", **facts)

@@ -85,7 +85,7 @@ def lines(found: dict[str, Any]) -> list[str]:
         out.append(f"held out, with {name}: log density {gain:+.1f} ± {error:.1f}")
     for name, value in found["trusted"].items():
         if value is None:
-            out.append(f"{name}: unreliable: every model leaves a misfit")
+            out.append(f"{name}: unreliable, since every model leaves a misfit")
         else:
             low, high = value["interval_90"]
             out.append(f"{name}: {low:.3g} to {high:.3g}{units[name]} (90 %)")

@@ -99,7 +99,7 @@ def test_studies_of_one_name_do_not_share_a_folder(here, call):
     assert (here / "reports" / "rubber" / output.OWNER).exists()
     code, said = call("run", "a/rubber")
     assert code == cli.INPUT_FAULT
-    assert "another study, ../../rubber," in refused(said)
+    assert "different study, ../../rubber," in refused(said)
     assert "a/rubber" in refused(said)
     # the study's own run goes on, with other data too, and so does one that was moved
     with (here / "rubber" / "study.toml").open("a") as settings:

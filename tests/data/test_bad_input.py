@@ -272,7 +272,7 @@ SLIPS = {
         None,
         "stretch",
         None,
-        "2 of 5 rows were read after the first loading (t1: 2)",
+        "2 of 5 rows were recorded after the first loading (t1: 2)",
     ),
     "film that is said to unload": Slip(
         "tensile.csv",
@@ -282,7 +282,7 @@ SLIPS = {
         None,
         "branch",
         None,
-        "1 of 3 rows was read after the first loading (t2: 1)",
+        "1 of 3 rows was recorded after the first loading (t2: 1)",
     ),
     "pressure stands still": Slip(
         "actuator.csv", "a1,0,40", "a1,0,20", 4, "pressure_kPa", "20", "direction of its branch"

@@ -336,7 +336,7 @@ WRONG = {
             )
         },
         *PRESSURE,
-        "absolute pressure",
+        "absolute instead of",
         False,
     ),
     "rates of actuators as fractions": lambda: Wrong(
@@ -614,11 +614,11 @@ def with_angle_of(length, digits=2, *, rows=slice(None), error=0.0):
 
 
 @pytest.mark.parametrize("digits", [1, 2, 12])
-@pytest.mark.parametrize(("length", "says"), [(60.0, "says 50 mm"), (50.0, "too")])
+@pytest.mark.parametrize(("length", "says"), [(60.0, "has 50 mm"), (50.0, "as in study.toml")])
 def test_an_angle_computed_from_the_curvature_is_told_with_its_length(length, says, digits):
     [doubt] = found_in("gelatin_actuator", actuator=with_angle_of(length, digits))
     assert (doubt.fault.column, doubt.impossible) == ("bend_angle_deg", False)
-    assert f"{length:.1f} mm, " in str(doubt)
+    assert f"({length:.1f} mm, " in str(doubt)
     assert says in str(doubt)
     assert "only the curvature" in str(doubt)
 

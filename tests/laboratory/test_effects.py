@@ -58,7 +58,7 @@ def test_parameters_of_one_cause_come_together():
         ("pressure_offset", "for example pressure_offset=14"),
         ("pressure_offset=nan", "impossible"),
         ("pressure_offset=inf", "impossible"),
-        ("pressure_offset=1e9", "1e9 is far beyond -30.9 to 30.9"),
+        ("pressure_offset=1e9", "1e9 is far beyond"),
         ("creep.time_constant=1e8", "far beyond"),
         ("pressure_loss=2", "pressure_loss.fraction: 2 is impossible"),
         ("stress_measure=0.4", "0.4 is impossible under either 0 or 1"),

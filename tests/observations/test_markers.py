@@ -176,7 +176,7 @@ def test_errors_of_one_line_go_together(tmp_path):
         (lambda t: t.assign(x_mm="left"), "'left': is not"),
         (lambda t: t.assign(point=1.5), "a whole number"),
         (lambda t: pd.concat([t.iloc[:3], t.iloc[2:3].assign(point=3.5e0 + 0.5), t.iloc[4:]]),
-         "has point 4 where"),
+         "has point 4 at"),
         (lambda t: pd.concat([t.iloc[COUNT:], t.iloc[:COUNT]]), "in the direction"),
     ],
 )  # fmt: skip

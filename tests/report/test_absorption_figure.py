@@ -78,7 +78,7 @@ def test_every_judged_parameter_has_a_row_the_farthest_off_on_top():
     assert [line.get_xdata()[0] for line in after if len(line.get_xdata()) == 1] == pytest.approx(
         [-0.5, 0.5]
     )
-    assert "standard deviations" in axes.get_xlabel()
+    assert "[its sd]" in axes.get_xlabel()
     svg = inline_svg(figure, "absorption", description="what", virtual=False)
     assert ElementTree.fromstring(svg).get("aria-label") == "what"
 

@@ -50,7 +50,7 @@ def verdict(outcome, causes=(), *, p_value=0.4, **changes):
     [
         ("unexplained", (), "no cause"),
         ("named", ("flaw_embrittlement",), "explained by flaw embrittlement"),
-        ("ambiguous", ("flaw_embrittlement", "dry_embrittlement"), "cannot tell"),
+        ("ambiguous", ("flaw_embrittlement", "dry_embrittlement"), "cannot identify"),
     ],
 )
 def test_a_contradiction_by_counts_alone_is_the_headline(outcome, causes, words):

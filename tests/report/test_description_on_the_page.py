@@ -88,7 +88,7 @@ def test_terms_and_columns_are_in_tables(page):
     assert (taken[0], other[0]) == ("κ(p + b)", "κ + b")
     assert numbers_in(" ".join(taken[1:3])) == [4.1, 3.0, 5.2]
     assert numbers_in(other[-1]) == [1.2]
-    [row] = table_cells(page, "Where the misfit sits")
+    [row] = table_cells(page, "Where the misfit lies")
     assert (row[0], row[2]) == ("degradation rate", "0 %")
     assert numbers_in(row[1]) == [83.0]
 

@@ -24,7 +24,7 @@ OUTCOMES = {
         "Cause named",
         "The misfit is explained by degraded skin: skin stiffening 0.800 [0.630, 0.970]",
     ),
-    "ambiguous": ("Ambiguous", "cannot tell its cause: erosion or degradation misread"),
+    "ambiguous": ("Ambiguous", "cannot identify its cause: erosion or degradation misread"),
     "unexplained": ("Unexplained", "no cause in the catalogue accounts for it"),
     "not_judged": ("Not judged", "The simulation could not be judged on this data"),
 }
@@ -138,7 +138,7 @@ def test_only_a_named_cause_is_said_to_have_gained_something(built):
 @pytest.mark.parametrize("outcome", FULL)
 def test_only_an_ambiguous_page_says_with_which_cause_it_predicts(built, outcome):
     page = read_html(built(outcome)[1])
-    said = "Predicted with erosion, out of what cannot be told apart: erosion or degradation misr"
+    said = "Predicted with erosion, one of several causes that cannot be told apart: erosion or"
     for section in ("curvature", "rupture"):
         assert (said in page.by_id(section).text) is (outcome == "ambiguous")
     assert ("may predict differently" in page.text) is (outcome == "ambiguous")

@@ -67,7 +67,7 @@ def test_the_caption_names_the_largest_shares_at_the_highest_rate_and_pressure()
     facts = largest_of(shares({"paper": 0.05, "scale": 0.1} | {"scatter": 0.6, "reading": 0.25}))
     assert (facts["level"], facts["pressure"], facts["sd"]) == (25.0, 240.0, 2.4)
     assert [name for name, _ in facts["largest"]] == [
-        *("scatter of specimens", "errors of reading", "volume ratio"),
+        *("scatter of specimens", "reading errors", "volume ratio"),
     ]
 
 

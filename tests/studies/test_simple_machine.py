@@ -75,7 +75,7 @@ def test_where_the_truth_is_missing_nothing_is_named_and_no_efficiency_is_given(
     assert not len(found.draws("efficiency", np.random.default_rng(0)))
     told = summary(found)
     assert told["trusted"] == {"efficiency": None, "reading_error": None}
-    assert any(line.startswith("efficiency: not") for line in lines(told))
+    assert any(line.startswith("efficiency: unreliable") for line in lines(told))
 
 
 def test_a_discrepancy_of_no_known_cause_widens_the_interval_but_does_not_make_it_right(
@@ -115,7 +115,7 @@ def test_the_command_says_what_is_to_be_trusted():
     command = [sys.executable, str(STUDIES / "simple_machine.py")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     assert "outcome: named: growing_friction" in done.stdout
-    assert "efficiency: not" in done.stdout
+    assert "efficiency: unreliable" in done.stdout
 
 
 def test_the_script_is_short():
