@@ -489,7 +489,7 @@ def test_a_study_predicts_and_finds_pressures(asked):
     assert table.columns.tolist()[:8] == columns
     assert len(table) == 6
     wanted = float(table.query("degradation_pct == 0 and pressure_kPa == 60")["q50"].iloc[0])
-    with pytest.warns(UserWarning, match="a risk of 0.05 is below 1 in"):
+    with pytest.warns(UserWarning, match="a risk of"):
         [pressure] = bd.control(last, curvature=wanted, degradation=0)["pressure_kPa"]
     assert pressure == pytest.approx(60.0, abs=2.0)
     with pytest.warns(UserWarning, match="extrapolation"):
@@ -503,17 +503,18 @@ def test_a_study_predicts_and_finds_pressures(asked):
             last, pressure=60, degradation=10, conditions=bd.ServiceConditions(mount="hanging")
         )
     asked = {"curvature": 200.0, "degradation": 0}
-    with pytest.warns(UserWarning, match="a risk of 0.05"):
+    with pytest.warns(UserWarning, match="a risk of"):
         allowed = bd.control(last, **asked)["allowed_kPa"][0]
     assert allowed == 160.0  # the largest that was tested
-    with pytest.warns(UserWarning, match="extrapolation|rests") as said:
+    with pytest.warns(UserWarning, match="extrapolation|rests|risk") as said:
         assert bd.control(last, **asked, beyond=True)["allowed_kPa"][0] > 160.0
     assert any("rests on" in str(one.message) for one in said)
     buried = bd.predict(last, pressure=60, hours=[0, 8])
     assert buried["degradation_q05"][1] < buried["degradation_pct"][1]
     assert buried["q50"][1] < buried["q50"][0]
     wanted = float(buried["q50"].mean())
-    life = bd.lifetime(last, pressure=60, curvature=wanted, hours=np.linspace(0.0, 8.0, 5))
+    with pytest.warns(UserWarning, match="a risk of"):
+        life = bd.lifetime(last, pressure=60, curvature=wanted, hours=np.linspace(0.0, 8.0, 5))
     assert life.columns.tolist() == TABLES["lifetime"].headings
     assert life["failed_probability"].is_monotonic_increasing
     assert 0.0 < life.attrs["time_to_failure_q50_h"] < 8.0
