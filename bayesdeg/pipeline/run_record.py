@@ -302,7 +302,7 @@ def _proposal_counts(results: Results) -> dict[str, int]:
     for label, fit in results.fits.items():
         counts[f"proposals of the sampler, {label}"] = fit.chain.refusals.proposed
         counts[f"proposals refused by the emulator, {label}"] = fit.chain.refusals.refused
-    name = "finite element curves of the emulator with a limit point"
+    name = "finite element curves of the emulator that met a limit point"
     return counts | ({} if cut is None else {name: int(cut)})
 
 
