@@ -39,11 +39,14 @@ LARGEST_BYTES = 1_250_000
 
 def main() -> None:
     """Publish every report."""
+    describe = ["git", "describe", "--always", "--dirty", "--abbrev=8", "--exclude=*"]
+    done = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=True)
+    line = f"Made by commit {done.stdout.strip()} with <code>{COMMAND}</code>."
     for name in STUDIES:
         run = RUNS / name
         command = [sys.executable, "-m", "bayesdeg", "run", f"studies/{name}", "--out", str(run)]
         subprocess.run(command, cwd=ROOT, check=True)
-        publish(run, TARGET / name)
+        publish(run, TARGET / name, line)
     photograph(TARGET / STUDIES[0] / "index.html", ROOT / "docs" / "_static" / "report.png")
 
 
@@ -62,27 +65,20 @@ def photograph(page: Path, picture: Path) -> None:
     )
 
 
-def publish(run: Path, target: Path) -> None:
-    """Copy the page, made smaller, and the tables that it links."""
+def publish(run: Path, target: Path, line: str) -> None:
+    """Copy the page, made smaller and ending with a line, and the tables that it links."""
     shutil.rmtree(target, ignore_errors=True)
     target.mkdir(parents=True)
     for pattern in PUBLISHED:
         for file in sorted(run.glob(pattern)):
             shutil.copy(file, target / file.name)
-    page = marked(smaller((run / "index.html").read_text(encoding="utf-8")))
+    page = smaller((run / "index.html").read_text(encoding="utf-8"))
+    page = page.replace("</body>", f"<footer>{line}</footer>\n</body>")
     (target / "index.html").write_text(page, encoding="utf-8")
     size = len(page.encode())
     print(f"{target.relative_to(ROOT)}/index.html: {size / 1e6:.2f} MB")
     if size > LARGEST_BYTES:
         raise SystemExit(f"{target.name}: the page is larger than {LARGEST_BYTES / 1e6:g} MB")
-
-
-def marked(page: str) -> str:
-    """Return a page that ends with the commit and the command that made it."""
-    describe = ["git", "describe", "--always", "--dirty", "--abbrev=8", "--exclude=*"]
-    done = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=True)
-    line = f"Made by commit {done.stdout.strip()} with <code>{COMMAND}</code>."
-    return page.replace("</body>", f"<footer>{line}</footer>\n</body>")
 
 
 def smaller(page: str) -> str:
