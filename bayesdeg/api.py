@@ -41,8 +41,8 @@ from bayesdeg.pipeline.lifetime import (
     default_hours,
     life_summary,
     life_table,
+    lifetime_cautions,
     lifetime_of,
-    said_of_life,
 )
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.update import read_new
@@ -107,34 +107,34 @@ def emulator(
     wanted = can_show_bars() if progress is None else progress
     if backend not in list(Backend):
         raise BayesdegError(f"unknown backend {backend!r}; {use_one_of(str(backend), Backend)}")
-    manner = TrainingOptions(
+    options = TrainingOptions(
         yes=True, quiet=not wanted, cache=Path(cache), backend=Backend(backend)
     )
     if isinstance(geometry, Study) and geometry.actuator is not None:
-        refuse_cells(geometry.settings, manner.backend)
+        refuse_cells(geometry.settings, options.backend)
         with _work(False, workers, parallel=True) as (
             _,
             executor,
         ):  # training shows its own progress
             try:
-                of_study = emulator_for(geometry, None, manner=manner, executor=executor)
+                of_study = emulator_for(geometry, None, options=options, executor=executor)
             except Stopped as stop:
                 raise KeyboardInterrupt(str(stop)) from stop
         assert of_study is not None
         return of_study
-    return _of_whole_range(_moulded(geometry), manner, workers, progress)
+    return _of_whole_range(_moulded(geometry), options, workers, progress)
 
 
 def _of_whole_range(
-    shape: Moulded, manner: TrainingOptions, workers: int | None, progress: bool | None
+    shape: Moulded, options: TrainingOptions, workers: int | None, progress: bool | None
 ) -> Surrogate:
     """Return an emulator of the whole range; train it if there is none."""
     refuse_whole_range(shape)
-    found = find(shape, recipe=manner.recipe, cache=manner.cache)
+    found = find(shape, recipe=options.recipe, cache=options.cache)
     if found.surrogate is not None:
         return found.surrogate
     with _work(progress, workers, parallel=True) as (show, executor):
-        campaign = Campaign(shape, manner.recipe, SolutionStore(STORE), executor)
+        campaign = Campaign(shape, options.recipe, SolutionStore(STORE), executor)
         expectation = expect(campaign, show)
         study = rough_seconds(shape.dimensions, shape.constraint, workers=campaign.workers)
         _warn(
@@ -210,10 +210,10 @@ def calibrate(
     experiment = _model(model).experiment
     how, number = _effort(effort or experiment.effort), _seed(seed, experiment.seed)
     begun = time.perf_counter()
-    _warn(experiment.said_of_map())
+    _warn(experiment.map_cautions())
     with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
         fit = experiment.fit(how, number, show, executor)
-    _warn(experiment.said_of_map(fit))
+    _warn(experiment.map_cautions(fit))
     return Calibration(model, fit, how, number, round(time.perf_counter() - begun, 2))
 
 
@@ -371,15 +371,15 @@ def predict(
             if x is None or any(one is not None for one in (pressure, degradation, hours)):
                 raise BayesdegError("a model with its own forward map requires x=...")
             show.stage("predicting")
-            return own_forecast.predict(fit.drawn, _inputs(x), _of_answers(number))
+            return own_forecast.predict(fit.drawn, _inputs(x), forecast.answer_seed(number))
         if x is not None:
             raise BayesdegError("a model of a study requires pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
         levels = _levels(fit, degradation, hours, number, show)
-        _warn(forecast.said_of(fit.drawn, levels, pressures, conditions))
+        _warn(forecast.cautions(fit.drawn, levels, pressures, conditions))
         return forecast.predict(
             *(fit.drawn, levels, pressures),
-            seed=_of_answers(number),
+            seed=forecast.answer_seed(number),
             progress=show,
             conditions=conditions,
         )
@@ -465,12 +465,12 @@ def control(
         found = forecast.settings(
             *(drawn, levels, wanted),
             risk=max_risk,
-            seed=_of_answers(number),
+            seed=forecast.answer_seed(number),
             progress=show,
             conditions=conditions,
             experience=None if beyond else drawn.experience,
         )
-    _warn(forecast.said_of_settings(drawn, levels, found, conditions, beyond=beyond))
+    _warn(forecast.setting_cautions(drawn, levels, found, conditions, beyond=beyond))
     return forecast.settings_table(found)
 
 
@@ -542,12 +542,12 @@ def lifetime(
         soil, drawn = experiment.soil(fit.effort, fit.seed, show), fit.drawn
         life = lifetime_of(
             *(drawn, soil, duty, default_hours(drawn.measured) if times is None else times),
-            seed=_of_answers(_seed(seed, fit.seed)),
+            seed=forecast.answer_seed(_seed(seed, fit.seed)),
             progress=show,
             conditions=conditions,
             experience=None if beyond else drawn.experience,
         )
-    _warn(said_of_life(drawn, soil, life, duty, conditions, beyond=beyond))
+    _warn(lifetime_cautions(drawn, soil, life, duty, conditions, beyond=beyond))
     table, summary = life_table(drawn, life, duty), life_summary(drawn, life, duty)
     table.attrs.update(summary.facts, summary=str(summary))
     return table
@@ -583,7 +583,7 @@ def _control_own(
     wanted = np.atleast_1d(np.asarray(reading, dtype=np.float64))
     if not np.all(np.isfinite(wanted)):
         raise BayesdegError(f"reading must be finite numbers, not {reading}")
-    return own_forecast.control(fit.drawn, wanted, _inputs(x), _of_answers(seed))
+    return own_forecast.control(fit.drawn, wanted, _inputs(x), forecast.answer_seed(seed))
 
 
 def _inputs(x: Any) -> Any:
@@ -722,11 +722,6 @@ def _seed(given: int | None, default: int) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise BayesdegError(f"seed must be a whole number of at least 0, not {seed!r}")
     return int(seed)
-
-
-def _of_answers(seed: int) -> np.random.SeedSequence:
-    """Return the seed of predictions, as commands have it."""
-    return np.random.SeedSequence([seed, 1])
 
 
 def _numbers(

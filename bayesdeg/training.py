@@ -126,7 +126,7 @@ class TrainingOptions:
 
 
 def emulator_for(
-    study: Study, given: Path | None, *, manner: TrainingOptions, executor: Executor | None
+    study: Study, given: Path | None, *, options: TrainingOptions, executor: Executor | None
 ) -> Surrogate | None:
     """Return the emulator of a study's geometry; train it if there is none, and refine it.
 
@@ -136,7 +136,7 @@ def emulator_for(
         Without actuator readings none is needed.
     given : Path, optional
         A file made by ``bayesdeg emulate``.
-    manner : TrainingOptions
+    options : TrainingOptions
         Settings for training.
     executor : Executor, optional
         Runs the solutions.
@@ -148,14 +148,14 @@ def emulator_for(
     Stopped
         If the user declines the training or stops it.
     """
-    found = _found_or_trained(study, given, manner=manner, executor=executor)
-    if found is None or study.actuator is None or not manner.refine:
+    found = _found_or_trained(study, given, options=options, executor=executor)
+    if found is None or study.actuator is None or not options.refine:
         return found
-    return refined_emulator(study, found, manner=manner, executor=executor)
+    return refined_emulator(study, found, options=options, executor=executor)
 
 
 def _found_or_trained(
-    study: Study, given: Path | None, *, manner: TrainingOptions, executor: Executor | None
+    study: Study, given: Path | None, *, options: TrainingOptions, executor: Executor | None
 ) -> Surrogate | None:
     """Return the emulator of a study's geometry, found or trained."""
     asked_beside = outline(study).asked
@@ -163,7 +163,7 @@ def _found_or_trained(
     if given is not None:
         trained = read_trained(given)
         refuse_lacking(trained, asked_beside, uncertain if study.actuator is not None else ())
-        _refuse_assembled(given, trained, manner)
+        _refuse_assembled(given, trained, options)
         if study.actuator is None:
             return trained
         return surrogate_for(geometry_of_study(study.settings), trained)
@@ -171,37 +171,37 @@ def _found_or_trained(
         return None
     geometry = geometry_of_study(study.settings)
     mould = geometry.dimensions
-    if isinstance(mould, MeshDimensions) and mould.assumption and not manner.quiet:
+    if isinstance(mould, MeshDimensions) and mould.assumption and not options.quiet:
         _print(mould.assumption)
-    found = find(geometry, recipe=manner.recipe, cache=manner.cache)
+    found = find(geometry, recipe=options.recipe, cache=options.cache)
     is_known = found.surrogate is not None and not lacking(found.surrogate, asked_beside)
     if found.surrogate is not None:
         reason = lacking(found.surrogate, asked_beside, uncertain)
         if not reason:
             return found.surrogate
         found = replace(found, surrogate=None, reason=reason)
-    with shown(manner.quiet) as progress:
+    with shown(options.quiet) as progress:
         progress.stage("in the study's region")
         asked = asked_of(study, study.settings.seed)
     units = units_for(geometry, asked)
     first = replace(
-        local_design(asked, manner.local_recipe(geometry), units),
+        local_design(asked, options.local_recipe(geometry), units),
         with_forces="tip_force" in asked_beside,
     ).departing_with(uncertain, alone=is_known and geometry.dimensions == Dimensions())
-    known = _known(study, first, span_of(asked.in_units(units), wider=0.0), manner)
+    known = _known(study, first, span_of(asked.in_units(units), wider=0.0), options)
     if known is not None:
         return known
-    if not manner.quiet:
-        _print(f"{found.reason}; one is trained now for this study and kept in {manner.cache}")
-    return train_for_study(study, first, executor, manner)
+    if not options.quiet:
+        _print(f"{found.reason}; one is trained now for this study and kept in {options.cache}")
+    return train_for_study(study, first, executor, options)
 
 
-def _refuse_assembled(given: Path, trained: Surrogate, manner: TrainingOptions) -> None:
+def _refuse_assembled(given: Path, trained: Surrogate, options: TrainingOptions) -> None:
     """Refuse a file trained with the kernels if a different backend is requested."""
-    if manner.backend not in (Backend.KERNELS, backend_of(trained.record)):
+    if options.backend not in (Backend.KERNELS, backend_of(trained.record)):
         raise BayesdegError(
             f"{given} was trained on curves of the {backend_of(trained.record)}; train it with "
-            f"'bayesdeg emulate --backend {manner.backend}', or leave --backend out"
+            f"'bayesdeg emulate --backend {options.backend}', or leave --backend out"
         )
 
 
@@ -224,20 +224,20 @@ def refuse_cells(settings: Settings, backend: Backend) -> None:
 
 
 def _known(
-    study: Study, first: LocalDesign, wanted: TrainingRange, manner: TrainingOptions
+    study: Study, first: LocalDesign, wanted: TrainingRange, options: TrainingOptions
 ) -> Surrogate | None:
     """Return an emulator trained for this study, or one that covers it too."""
     geometry = geometry_of_study(study.settings)
-    own = _kept_for(geometry, first, manner)
-    for path, surrogate in covering(geometry, wanted, manner.cache):
+    own = _kept_for(geometry, first, options)
+    for path, surrogate in covering(geometry, wanted, options.cache):
         wanting = lacking(surrogate, outline(study).asked, study.settings.uncertain)
-        is_other = wanting or backend_of(surrogate.record) is not manner.backend
+        is_other = wanting or backend_of(surrogate.record) is not options.backend
         if surrogate.units != first.units or is_other or is_refined(surrogate.record):
             continue
         done = not _ends_refined(geometry, first) or ended_with_refinement(surrogate.record)
         if path == own and done and is_current_fit(surrogate.record):
             return surrogate
-        if path != own and _is_good(_asked_after(study, surrogate, manner), first, TARGET_PCT):
+        if path != own and _is_good(_asked_after(study, surrogate, options), first, TARGET_PCT):
             return surrogate
     return None
 
@@ -247,15 +247,15 @@ def _ends_refined(geometry: Moulded, design: LocalDesign) -> bool:
     return has_ground(geometry) and not design.only_departure and LAST_ROUNDS > 0
 
 
-def _kept_for(geometry: Moulded, first: LocalDesign, manner: TrainingOptions) -> Path:
+def _kept_for(geometry: Moulded, first: LocalDesign, options: TrainingOptions) -> Path:
     """Return the file of an emulator whose training began with a design."""
-    recipe = manner.local_recipe(geometry)
+    recipe = options.local_recipe(geometry)
     campaign = Campaign(geometry, recipe, SolutionStore(STORE), design=first)
-    return manner.cache / f"{campaign.key()[:16]}.npz"
+    return options.cache / f"{campaign.key()[:16]}.npz"
 
 
-def _asked_after(study: Study, surrogate: Surrogate, manner: TrainingOptions) -> AskedAfterwards:
-    with shown(manner.quiet) as progress:
+def _asked_after(study: Study, surrogate: Surrogate, options: TrainingOptions) -> AskedAfterwards:
+    with shown(options.quiet) as progress:
         progress.stage("in the posterior region")
         return asked_after(study, surrogate, study.settings.seed)
 
@@ -277,7 +277,7 @@ def _is_good(
 
 
 def train_for_study(
-    study: Study, first: LocalDesign, executor: Executor | None, manner: TrainingOptions
+    study: Study, first: LocalDesign, executor: Executor | None, options: TrainingOptions
 ) -> Surrogate:
     """Train an emulator over the range of a study, then in its posterior region until accurate.
 
@@ -289,7 +289,7 @@ def train_for_study(
         The range given by films, priors and conditions.
     executor : Executor, optional
         Runs the solutions.
-    manner : TrainingOptions
+    options : TrainingOptions
         Settings for training.
 
     Raises
@@ -298,20 +298,20 @@ def train_for_study(
         If the user declines or stops it.
     """
     geometry, store = geometry_of_study(study.settings), SolutionStore(STORE)
-    recipe, design = manner.local_recipe(geometry), first
+    recipe, design = options.local_recipe(geometry), first
     is_refined_last = _ends_refined(geometry, first)
     last_curves = AT_THE_POSTERIOR if is_refined_last else 0
     base: CandidateFit | None = None
     before: AskedAfterwards | None = None
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design, later=last_curves)
-        surrogate = completed(campaign, manner)
+        surrogate = completed(campaign, options)
         if more == ROUNDS:
             break
-        found = _asked_after(study, surrogate, manner)
+        found = _asked_after(study, surrogate, options)
         wanted = REFINABLE_PCT if is_refined_last else TARGET_PCT
         good = _is_good(found, design, wanted, before)
-        _say_where(found, wanted, manner, good=good)
+        _say_where(found, wanted, options, good=good)
         if good:
             base = found.base
             break
@@ -321,19 +321,19 @@ def train_for_study(
     if is_refined_last:
         begun = Campaign(geometry, recipe, store, executor, alike=campaign.runs)
         try:
-            last, surrogate = _refined(study, surrogate, begun, LAST_ROUNDS, manner, base=base)
+            last, surrogate = _refined(study, surrogate, begun, LAST_ROUNDS, options, base=base)
         except TooFewCurvesError as fault:
             surrogate = replace(surrogate, record=not_refined(surrogate.record))
-            if not manner.quiet:
+            if not options.quiet:
                 _print(f"{fault}; the emulator is kept as trained")
         else:
             campaigns.append(last)
-    _keep(campaigns, _kept_for(geometry, first, manner), surrogate, manner)
+    _keep(campaigns, _kept_for(geometry, first, options), surrogate, options)
     return surrogate
 
 
 def refined_emulator(
-    study: Study, ground: Surrogate, *, manner: TrainingOptions, executor: Executor | None
+    study: Study, ground: Surrogate, *, options: TrainingOptions, executor: Executor | None
 ) -> Surrogate:
     """Correct an emulator in a study's posterior region until its error no longer matters there.
 
@@ -346,7 +346,7 @@ def refined_emulator(
         With readings of actuators.
     ground : Surrogate
         An emulator of its geometry.
-    manner : TrainingOptions
+    options : TrainingOptions
         Settings for training.
     executor : Executor, optional
         Runs the solutions.
@@ -359,11 +359,11 @@ def refined_emulator(
         If too few curves are informative.
     """
     geometry = geometry_of_study(study.settings)
-    begun = Campaign(geometry, manner.local_recipe(geometry), SolutionStore(STORE), executor)
-    campaign, refined = _refined(study, ground, begun, REFINING_ROUNDS, manner)
+    begun = Campaign(geometry, options.local_recipe(geometry), SolutionStore(STORE), executor)
+    campaign, refined = _refined(study, ground, begun, REFINING_ROUNDS, options)
     found = replace(refined, record=asked_for(refined.record))
     key = sha256((campaign.key() + ground.record).encode()).hexdigest()
-    _keep([campaign], manner.cache / f"{key[:16]}.npz", found, manner)
+    _keep([campaign], options.cache / f"{key[:16]}.npz", found, options)
     return found
 
 
@@ -372,7 +372,7 @@ def _refined(
     ground: Surrogate,
     begun: Campaign,
     rounds: int,
-    manner: TrainingOptions,
+    options: TrainingOptions,
     *,
     base: CandidateFit | None = None,
 ) -> tuple[Campaign, Surrogate]:
@@ -382,21 +382,21 @@ def _refined(
     """
     campaign, found = begun, ground
     for number in range(rounds):
-        with shown(manner.quiet) as progress:
+        with shown(options.quiet) as progress:
             progress.stage("in the posterior region")
             known = base if number == 0 else None
             posteriors = posteriors_of(study, found, study.settings.seed, base=known)
         campaign = refining_campaign(campaign, posteriors, ground, number)
-        solved = _worked(campaign, manner, solve_campaign)
+        solved = _worked(campaign, options, solve_campaign)
         found, left = refined_by(campaign, solved, posteriors, ground)
-        _say_left(left, manner, last=number + 1 == rounds)
+        _say_left(left, options, last=number + 1 == rounds)
         if left.is_small:
             break
     return campaign, found
 
 
-def _say_left(left: ErrorLeft, manner: TrainingOptions, *, last: bool) -> None:
-    if manner.quiet:
+def _say_left(left: ErrorLeft, options: TrainingOptions, *, last: bool) -> None:
+    if options.quiet:
         return
     then = "" if left.is_small or last else "; more curves are solved there"
     _print(
@@ -407,7 +407,7 @@ def _say_left(left: ErrorLeft, manner: TrainingOptions, *, last: bool) -> None:
     )
 
 
-def train(campaign: Campaign, path: Path, manner: TrainingOptions) -> Surrogate:
+def train(campaign: Campaign, path: Path, options: TrainingOptions) -> Surrogate:
     """Announce the time of a campaign, complete it, train the emulator and save it.
 
     Raises
@@ -415,12 +415,12 @@ def train(campaign: Campaign, path: Path, manner: TrainingOptions) -> Surrogate:
     Stopped
         If the user declines or stops it.
     """
-    surrogate = completed(campaign, manner)
-    _keep([campaign], path, surrogate, manner)
+    surrogate = completed(campaign, options)
+    _keep([campaign], path, surrogate, options)
     return surrogate
 
 
-def completed(campaign: Campaign, manner: TrainingOptions) -> Surrogate:
+def completed(campaign: Campaign, options: TrainingOptions) -> Surrogate:
     """Announce the time of a campaign, complete it and train the emulator.
 
     Raises
@@ -428,12 +428,12 @@ def completed(campaign: Campaign, manner: TrainingOptions) -> Surrogate:
     Stopped
         If the user declines or stops it.
     """
-    return _worked(campaign, manner, train_emulator)
+    return _worked(campaign, options, train_emulator)
 
 
 def _worked[Result](
     campaign: Campaign,
-    manner: TrainingOptions,
+    options: TrainingOptions,
     work: Callable[[Campaign, Expectation, Progress], Result],
 ) -> Result:
     """Announce the time of a campaign and run it.
@@ -444,24 +444,24 @@ def _worked[Result](
         If the user declines or stops it.
     """
     try:
-        with shown(manner.quiet) as progress:
+        with shown(options.quiet) as progress:
             expectation = expect(campaign, progress)
         if expectation.left:
-            _say(expectation, campaign.store.folder, manner)
-        with shown(manner.quiet) as progress:
+            _say(expectation, campaign.store.folder, options)
+        with shown(options.quiet) as progress:
             return work(campaign, expectation, progress)
     except KeyboardInterrupt as stop:
         raise Stopped(_what_stays(campaign)) from stop
 
 
 def _keep(
-    campaigns: Sequence[Campaign], path: Path, surrogate: Surrogate, manner: TrainingOptions
+    campaigns: Sequence[Campaign], path: Path, surrogate: Surrogate, options: TrainingOptions
 ) -> None:
     """Write the emulator and the list of failures."""
     write_trained(path, surrogate)
     ended = [end for campaign in campaigns for end in endings(campaign)]
     listed = list_failures(path, ended)
-    if not manner.quiet:
+    if not options.quiet:
         errors.print(runs_table(ended))
         if listed is not None:
             _print(f"parameters of the failed ones: {listed}")
@@ -469,9 +469,9 @@ def _keep(
 
 
 def _say_where(
-    found: AskedAfterwards, wanted_pct: float, manner: TrainingOptions, *, good: bool
+    found: AskedAfterwards, wanted_pct: float, options: TrainingOptions, *, good: bool
 ) -> None:
-    if manner.quiet:
+    if options.quiet:
         return
     then = "" if good else "; more curves are solved there"
     ends = (
@@ -487,10 +487,10 @@ def _say_where(
     )
 
 
-def _say(expectation: Expectation, store: Path, manner: TrainingOptions) -> None:
-    if not manner.quiet:
+def _say(expectation: Expectation, store: Path, options: TrainingOptions) -> None:
+    if not options.quiet:
         _print(f"training takes {expectation}; solutions are stored in {store}")
-    if manner.yes or not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if options.yes or not (sys.stdin.isatty() and sys.stderr.isatty()):
         return
     question = f"Train the emulator, {duration(expectation.whole_seconds)}?"
     try:

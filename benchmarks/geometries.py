@@ -118,7 +118,7 @@ def trained(name: str, study: Study, workers: int) -> tuple[Surrogate, float]:
     begun, kept = time.perf_counter(), CACHE / name / "minutes.json"
     kept.parent.mkdir(parents=True, exist_ok=True)
     with workplace(workers, None) as executor:
-        found = emulator_for(study, None, manner=TrainingOptions(yes=True), executor=executor)
+        found = emulator_for(study, None, options=TrainingOptions(yes=True), executor=executor)
     assert found is not None
     if not kept.exists():
         minutes = (time.perf_counter() - begun) / 60.0

@@ -151,7 +151,7 @@ def judged(number: int, *, seed: int, workers: int) -> Json:
     truth = Truth(**known)
     read = read_study(folder)
     with workplace(workers, None) as executor:
-        surrogate = emulator_for(read, None, manner=TrainingOptions(yes=True), executor=executor)
+        surrogate = emulator_for(read, None, options=TrainingOptions(yes=True), executor=executor)
     found = examined(study, folder, truth, {}, effort="quick", seed=seed, surrogate=surrogate)
     return found | {"dimensions": vars(read.settings.dimensions)}
 

@@ -15,12 +15,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import package_facts as facts
+import publish_reports
 import signatures
 
 ROOT = facts.ROOT
 HERE = ROOT / "docs"
 GALLERY = ROOT / "examples"
-REPORTS = [ROOT / "reports" / name for name in ("gelatin_actuator", "treloar")]
+REPORTS = [publish_reports.TARGET / name for name in publish_reports.STUDIES]
 BENCHMARKS = ROOT / "benchmarks"
 WIDEST = 88  # characters of what a script prints
 KEPT = ROOT / ".cache" / "gallery"

@@ -38,7 +38,7 @@ _OFFSET = 10.0
 """Interpolation in 1/(m + 10) has an error of the strain up to 0.5 %, as
 ``benchmarks/rupture_fields.py --moduli`` prints; in 1/m or ln m it would be 1 to 2 %."""
 _AT = 1.0 / (np.array(WEIBULL_MODULI) + _OFFSET)
-_SMALLEST = 1e-12  # strain of walls at rest; its logarithm must be finite
+_SMALLEST = 1e-12  # strain of walls at rest, so that its logarithm is finite
 
 
 @cache

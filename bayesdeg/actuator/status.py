@@ -65,7 +65,7 @@ class PathEffort:
     iterations : int
         Steps of Newton's method at one load.
     halvings : int
-        Maximum halvings of the smallest distance between loads.
+        How many times the smallest load step may be halved.
     total : int
         Maximum factorizations per path.
     seconds : float

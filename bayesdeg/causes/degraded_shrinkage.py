@@ -41,7 +41,7 @@ from bayesdeg.causes.cause import REFERENCE_DEGRADATION, Cause, Conditions, Effe
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 LEAST_VOLUME = 0.1
-"""Smallest remaining share of the volume, at rates far beyond those of films [–]."""
+"""Lower bound on the remaining volume fraction; it matters far beyond the films' rates only [–]."""
 
 
 def shrink_as_degraded(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:

@@ -179,7 +179,7 @@ def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:
 
 def seed_of(stored: Posterior, given: int | None) -> np.random.SeedSequence:
     """Return the seed of an answer as in the Python functions: the user's, or else the run's."""
-    return np.random.SeedSequence([(stored.run.seed or 0) if given is None else given, 1])
+    return forecast.answer_seed((stored.run.seed or 0) if given is None else given)
 
 
 class Answer(FileRecord):

@@ -97,7 +97,7 @@ def control(
         beyond=beyond,
         quiet=quiet or as_json,
     )
-    said = forecast.said_of_settings(stored, levels, found, service, beyond=beyond)
+    said = forecast.setting_cautions(stored, levels, found, service, beyond=beyond)
     table = forecast.settings_table(found)
     if not delivered(stored, table, said, UNITS, out=out, quiet=quiet, as_json=as_json):
         _show(stored, found)

@@ -38,11 +38,11 @@ def emulate(
     _refuse_uncertain(settings)
     actuator = geometry_of_study(settings)
     refuse_whole_range(actuator)
-    manner = training.TrainingOptions(yes=yes, quiet=quiet, backend=backend)
-    path = cached_path(actuator, manner.recipe, CACHE) if out is None else output_file(out)
+    options = training.TrainingOptions(yes=yes, quiet=quiet, backend=backend)
+    path = cached_path(actuator, options.recipe, CACHE) if out is None else output_file(out)
     with workplace(workers, scheduler) as executor:
-        campaign = Campaign(actuator, manner.recipe, SolutionStore(store), executor, timeout)
-        training.train(campaign, path, manner)
+        campaign = Campaign(actuator, options.recipe, SolutionStore(store), executor, timeout)
+        training.train(campaign, path, options)
     output().print(f"wrote {path}", soft_wrap=True)
 
 

@@ -22,8 +22,8 @@ from bayesdeg.pipeline.lifetime import (
     default_hours,
     life_summary,
     life_table,
+    lifetime_cautions,
     lifetime_of,
-    said_of_life,
 )
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.posterior import Posterior
@@ -90,7 +90,7 @@ def lifetime(
             experience=None if beyond else stored.experience,
         )
     table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
-    messages = (str(summary), *said_of_life(stored, soil, life, duty, service, beyond=beyond))
+    messages = (str(summary), *lifetime_cautions(stored, soil, life, duty, service, beyond=beyond))
     # a summary follows the table; in JSON it is among the messages
     said = messages if as_json else messages[1:]
     if not delivered(

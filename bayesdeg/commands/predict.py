@@ -73,7 +73,7 @@ def predict(
     refuse_too_many(pressures, levels)
     out = None if out is None else output_file(out)
     stored = stored_run(report, cause, base=base, emulator=emulator)
-    messages = forecast.said_of(stored, levels, pressures, service)
+    messages = forecast.cautions(stored, levels, pressures, service)
     with shown(quiet or as_json) as progress:
         ask = partial(forecast.predict, progress=progress, conditions=service)
         table = forecast.by_each(

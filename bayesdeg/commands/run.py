@@ -61,8 +61,10 @@ def run(
             say(f"without {what}: {cost}" for what, cost in passed_over(checked))
         if checked.actuator is not None:
             compile_beside()
-        manner = TrainingOptions(yes=yes, quiet=quiet, refine=refine, backend=backend)
-        forward = None if own else emulator_for(checked, emulator, manner=manner, executor=executor)
+        options = TrainingOptions(yes=yes, quiet=quiet, refine=refine, backend=backend)
+        forward = (
+            None if own else emulator_for(checked, emulator, options=options, executor=executor)
+        )
         checkpoints = Checkpoints(target / CHECKPOINTS, fingerprint(checked, forward))
         if fresh:
             checkpoints.clear()

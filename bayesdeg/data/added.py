@@ -44,7 +44,7 @@ class ExtendedTable:
     filled: tuple[str, ...] = ()
 
 
-def enlarge(
+def extend(
     recorded: bytes,
     earlier: bytes | None,
     new: bytes,
@@ -78,7 +78,7 @@ def enlarge(
     Examples
     --------
     >>> head = b"specimen_id,degradation_pct,pressure_kPa,curvature_per_m\n"
-    >>> found = enlarge(head + b"a,0,20,1\na,0,60,3\n", None, head + b"a,0,40,2\n", "new.csv",
+    >>> found = extend(head + b"a,0,20,1\na,0,60,3\n", None, head + b"a,0,40,2\n", "new.csv",
     ...                 degradation_sd_pct=1.0)
     >>> found.table.frame["pressure_kPa"].tolist(), found.specimens
     ([20.0, 40.0, 60.0], ('a',))

@@ -273,7 +273,7 @@ def _wrong_size(part: PartMesh) -> Iterator[str]:
 
 
 def jacobians(corners: Floats) -> Floats:
-    """Return the smallest Jacobian at the corners of each cell, (n,) of (n, 8, 3) [mm³].
+    """Return each cell's smallest Jacobian determinant at its corners, (n,) from (n, 8, 3) [mm³].
 
     It is constant over a tetrahedron, (n, 4, 3).
     """

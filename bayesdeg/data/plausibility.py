@@ -981,7 +981,7 @@ def computed_angles(actuator: pd.DataFrame) -> NDArray[np.bool_]:
 
 
 def implied_lengths(actuator: pd.DataFrame) -> pd.DataFrame:
-    """Return the smallest and largest ratio of angle to curvature [m] that digits allow."""
+    """Return the range of the ratio of angle to curvature [m] that rounding allows."""
     bend, angle = actuator["curvature_per_m"], actuator["bend_angle_deg"]
     size, turned = bend.abs(), DEGREE * angle * np.sign(bend)
     of_bend, of_angle = (

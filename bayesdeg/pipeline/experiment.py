@@ -241,7 +241,7 @@ class ModelledExperiment:
             start=None if found is None else found[1],
         )
 
-    def said_of_map(self, fit: Fit | None = None) -> tuple[str, ...]:
+    def map_cautions(self, fit: Fit | None = None) -> tuple[str, ...]:
         """Say where the user's forward map fails, including a fit's proposals."""
         known = self.assembly.answers
         if known is not None and fit is not None:

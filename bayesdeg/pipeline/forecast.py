@@ -465,6 +465,11 @@ def by_each(stored: Posterior, predicted: Callable[[Posterior], pd.DataFrame]) -
     return pd.concat([frame for _, frame in named], ignore_index=True)
 
 
+def answer_seed(seed: int) -> np.random.SeedSequence:
+    """Return the seed of an answer, apart from the streams of the run or calibration itself."""
+    return np.random.SeedSequence([seed, 1])
+
+
 def predict(
     stored: Posterior,
     levels: Sequence[Level],
@@ -813,7 +818,7 @@ def hours_beyond(measured: Mapping[str, Range], levels: Sequence[Level]) -> tupl
     return (str(Caution("hours_beyond", facts)),) if longest > 1.001 * last else ()
 
 
-def said_of(
+def cautions(
     stored: Posterior, levels: Sequence[Level], pressure: Floats, conditions: ServiceConditions
 ) -> tuple[str, ...]:
     """Return warnings for predictions at these levels and pressures."""
@@ -825,7 +830,7 @@ def said_of(
     )
 
 
-def said_of_settings(
+def setting_cautions(
     stored: Posterior,
     levels: Sequence[Level],
     found: Sequence[Setting],
@@ -837,7 +842,7 @@ def said_of_settings(
     set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
     strong = stored.model.has_elongation
     return (
-        *said_of(stored, levels, set_to, conditions),
+        *cautions(stored, levels, set_to, conditions),
         *basis(stored.experience, allowed_by_rate(found), beyond=beyond, strong=strong),
         *small_risk(stored, min(s.risk for s in found)),
     )

@@ -12,8 +12,8 @@ from bayesdeg.pipeline.forecast import (
     COURSE_STREAM,
     TIME,
     basis,
+    cautions,
     ceiling_of,
-    said_of,
     small_risk,
 )
 from bayesdeg.pipeline.posterior import Posterior, Range
@@ -182,7 +182,7 @@ def life_summary(stored: Posterior, life: Life, duty: Duty) -> LifeSummary:
     )
 
 
-def said_of_life(
+def lifetime_cautions(
     stored: Posterior,
     soil: Soil,
     life: Life,
@@ -195,7 +195,7 @@ def said_of_life(
     levels, strong = soil.levels(life.hours[[0, -1]]), stored.model.has_elongation
     allowed = allowed_at_ends(life, levels)
     return (
-        *said_of(stored, levels, np.array([duty.pressure]), conditions),
+        *cautions(stored, levels, np.array([duty.pressure]), conditions),
         *basis(stored.experience, allowed, beyond=beyond, strong=strong),
         *small_risk(stored, duty.risk),
     )

@@ -55,7 +55,7 @@ class Posterior:
     @property
     def is_stored(self) -> bool:
         """Whether a run wrote it."""
-        return self.run is not NOT_RECORDED
+        return self.run != NOT_RECORDED
 
     @property
     def name(self) -> str:

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.criticism.posterior.convergence import Convergence
-from bayesdeg.data.added import FILE, ExtendedTable, enlarge
+from bayesdeg.data.added import FILE, ExtendedTable, extend
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import is_dimension
@@ -236,7 +236,7 @@ def read_new(path: Path) -> bytes:
         raise StudyError([Fault(str(path), problem, "give a file with rows")]) from fault
 
 
-def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[ExtendedTable, Study, Study]:
+def _extended(of: FinishedRun, content: bytes, name: str) -> tuple[ExtendedTable, Study, Study]:
     """Return the added rows and the study before and after; refuse impossible data.
 
     Raises
@@ -251,9 +251,9 @@ def _enlarged(of: FinishedRun, content: bytes, name: str) -> tuple[ExtendedTable
     before = study
     if of.earlier is not None:
         # checked when they were added
-        merged = enlarge(recorded, None, of.earlier, ADDED, degradation_sd_pct=sd)
+        merged = extend(recorded, None, of.earlier, ADDED, degradation_sd_pct=sd)
         before = replace(study, actuator=merged.table.frame)
-    found = enlarge(recorded, of.earlier, content, name, degradation_sd_pct=sd)
+    found = extend(recorded, of.earlier, content, name, degradation_sd_pct=sd)
     after = replace(
         study,
         actuator=found.table.frame,
@@ -588,7 +588,7 @@ def _update(
     begun = time.perf_counter()
     progress.stage("reading")
     of = finished(report)
-    found, before, after = _enlarged(of, content, name)
+    found, before, after = _extended(of, content, name)
     unlikely = doubts(after, outline(after).expected)
     doubted = suspicions(before, unlikely, name)
     forward = emulator_of(of.folder, of.run, emulator)

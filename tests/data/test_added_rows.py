@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.data.added import enlarge
+from bayesdeg.data.added import extend
 from bayesdeg.errors import StudyError
 
 HEAD = "specimen_id,degradation_pct,pressure_kPa,curvature_per_m"
@@ -13,7 +13,7 @@ STUDY = f"{HEAD}\na,0,20,1\na,0,60,3\nb,10,20,0.8\nb,10,60,2.5\n"
 
 def added(new, *, to=STUDY, earlier=None):
     before = None if earlier is None else earlier.encode()
-    return enlarge(to.encode(), before, new.encode(), "new.csv", degradation_sd_pct=1.0)
+    return extend(to.encode(), before, new.encode(), "new.csv", degradation_sd_pct=1.0)
 
 
 def fault_of(new, **options):

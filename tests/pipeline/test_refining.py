@@ -156,7 +156,7 @@ def test_refining_is_resumed_and_ends_with_the_same_bits(study, tmp_path, monkey
     write_trained(given, emulator())
 
     def work():
-        return training.emulator_for(study, given, manner=MANNER, executor=None)
+        return training.emulator_for(study, given, options=MANNER, executor=None)
 
     first = work()
     (kept,) = tmp_path.glob(".cache/emulators/*.npz")

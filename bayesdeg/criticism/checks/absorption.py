@@ -179,8 +179,8 @@ def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
     """Return the means of replicates that measure one parameter directly, by its name.
 
     Young's modulus at a degradation rate of zero is always six times C1 there; between the ends it
-    depends on several parameters. Of several means the one with the smallest standard error is
-    taken.
+    depends on several parameters. If several means measure the same parameter, the most precise
+    one counts.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 FALSE_TERMS = 0.05
 """Share of data without a misfit in which a term may be given."""
 MOST_TERMS = 2
-"""Most terms: more would be hard to read and not the smallest description."""
+"""Maximum number of terms; a longer description is hard to read."""
 AS_GOOD = float(np.log(20.0))
 """Odds up to which a different term is as good, as for causes that cannot be told apart."""
 BARELY = 1.0
@@ -254,7 +254,7 @@ def search_terms(
 
 
 def _simplest(offered: KnownTerms, gains: Floats) -> int:
-    """Return the simplest of the terms that gain almost as much as the best."""
+    """Return the simplest term whose gain is close to the best."""
     close = np.flatnonzero(gains > np.max(gains) - BARELY)
     return int(min(close, key=lambda i: (*offered.terms[i].simplicity, -gains[i])))
 

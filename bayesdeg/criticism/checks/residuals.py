@@ -7,8 +7,8 @@ the whitened data z, so is the projection:
 
 .. math:: T = \omega^T z .
 
-ω comes either from generalised least squares with further directions fitted jointly, which has the
-smallest variance, or from a plain functional of e such as an area.
+ω comes either from generalised least squares with further directions fitted jointly, which has
+minimum variance, or from a simple functional of e such as an area.
 
 Each group of readings gets its own scale and trend along the path, directions W on the whitened
 scale. Its gain in log-likelihood at the best sizes,

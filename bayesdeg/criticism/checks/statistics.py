@@ -421,7 +421,7 @@ def _of_family(linear: Linear, family: str) -> list[ResidualStatistic]:
 def _trend(
     linear: Linear, size: Floats, values: Floats, *, family: str, along: str
 ) -> ResidualStatistic:
-    """Return the change of the relative residual from the smallest to the largest value."""
+    """Return how much the relative residual changes over the range of a quantity."""
     rows = (size != 0.0) & np.isfinite(values)
     extent = float(np.ptp(values[rows])) if rows.any() else 0.0
     projection = None
