@@ -150,7 +150,7 @@ def _published() -> Iterator[Claim]:
         n = _readings(study)
         yield Claim(text, figure, n, command, record)
         figure = f"{float(gain['elpd_diff']):.3g} ± {float(gain['elpd_diff_se']):.2g}"
-        yield Claim(f"gain in held-out log density, `{study}`", figure, n, command, record)
+        yield Claim(f"gain in log density of these held-out readings, `{study}`", figure, n, command, record)
 
 
 def _hidden(study: str) -> dict[str, float]:
