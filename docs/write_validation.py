@@ -150,7 +150,8 @@ def _published() -> Iterator[Claim]:
         n = _readings(study)
         yield Claim(text, figure, n, command, record)
         figure = f"{float(gain['elpd_diff']):.3g} ± {float(gain['elpd_diff_se']):.2g}"
-        yield Claim(f"gain in log density of these held-out readings, `{study}`", figure, n, command, record)
+        text = f"gain in log density of these held-out readings, `{study}`"
+        yield Claim(text, figure, n, command, record)
 
 
 def _hidden(study: str) -> dict[str, float]:
