@@ -14,8 +14,9 @@ from pathlib import Path
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import PLANS, complete, runs
+from bayesdeg.emulator.campaign import complete, runs
 from bayesdeg.emulator.design import SECOND_STAGE, Question, candidates, likely, most_informative
+from bayesdeg.emulator.fit import PLANS
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.regression import Observed, Prior, observe, rows_of
 from bayesdeg.emulator.scaling import TrainingRange

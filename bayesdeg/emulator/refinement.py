@@ -33,7 +33,8 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.demand import MEASURES
-from bayesdeg.emulator.campaign import (
+from bayesdeg.emulator.coordinates import coordinates
+from bayesdeg.emulator.fit import (
     ANGLES,
     EQUIVALENT,
     FAMILY,
@@ -51,7 +52,6 @@ from bayesdeg.emulator.campaign import (
     summed,
     terms_below,
 )
-from bayesdeg.emulator.coordinates import coordinates
 from bayesdeg.emulator.local import InputDraws
 from bayesdeg.emulator.regression import (
     STEEPEST,
