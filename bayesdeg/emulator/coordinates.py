@@ -130,12 +130,7 @@ def coordinates(groups: Floats) -> Coordinates:
     points[:, 0] = scale * groups[:, 0] - 1.0
     jacobian[:, 0, 0] = scale
     jacobian[:, 0, 1:] = (scale * groups[:, 0])[:, None] * warp_gradient[:, 1:]
-    _enter_slack(groups, points, jacobian)
-    return Coordinates(points, warp, jacobian, warp_gradient)
-
-
-def _enter_slack(groups: Floats, points: Floats, jacobian: Floats) -> None:
-    """Replace the scaled slack by φ = s/(s + e q)."""
+    # φ = s/(s + e q) replaces the scaled slack
     load, slack, log_paper = groups[:, 0], groups[:, SLACK], groups[:, PAPER]
     give = paper_give(log_paper)
     strain = give * load
@@ -152,6 +147,7 @@ def _enter_slack(groups: Floats, points: Floats, jacobian: Floats) -> None:
     paper = np.exp(log_paper)
     jacobian[:, SLACK, 0] = by_strain * give
     jacobian[:, SLACK, PAPER] = by_strain * strain * (-paper / (paper + GIVE))
+    return Coordinates(points, warp, jacobian, warp_gradient)
 
 
 def inside(groups: Floats, span: TrainingRange) -> NDArray[np.bool_]:
