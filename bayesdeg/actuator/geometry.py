@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,8 @@ class Geometry:
     wall_factor: float = 1.0
     erosion: float = 0.0
     constraint: Constraint = field(default_factory=Constraint)
+    rounded: ClassVar[None] = None
+    is_boxes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Refuse impossible dimensions."""
@@ -200,18 +202,10 @@ class Geometry:
 
     @property
     def voids(self) -> tuple[Box, ...]:
-        """The slots: air that is not under pressure [mm]."""
+        """The slots: air that is not under pressure, open to the outside [mm]."""
         return self.slots
 
-    @property
-    def exposed(self) -> tuple[Box, ...]:
-        """The slots, which are open to the outside [mm]."""
-        return self.slots
-
-    @property
-    def rounded(self) -> None:
-        """None: its section is made of rectangles."""
-        return
+    exposed = voids
 
     @property
     def slab(self) -> tuple[Box, ...]:
@@ -229,11 +223,6 @@ class Geometry:
         3636.0
         """
         return 2.0 * volume_without(self.planes(), (*self.cavities, *self.slots))
-
-    @property
-    def is_boxes(self) -> bool:
-        """Whether it is a block minus boxes: yes."""
-        return True
 
     def mesh_like(self, usual: Resolution) -> Resolution:
         """Return a mesh resolution scaled from the default pneunet."""

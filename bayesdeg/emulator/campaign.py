@@ -83,7 +83,7 @@ def runs(
     6
     """
     recipe = recipe or Recipe()
-    held = (False,)
+    held: tuple[bool, ...] = (False,)
     if design is not None:
         coarse, fine = map(list, design.nominal)
         held = (False, True) if design.with_forces else held
