@@ -11,7 +11,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import PathEffort, Status
+from bayesdeg.actuator.status import Backend, PathEffort, Status
 from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
