@@ -444,15 +444,7 @@ def _keep(
 
 
 def list_failures(path: Path, ended: list[tuple[Run, Status]]) -> Path | None:
-    """List the parameters of failed runs in a CSV file next to an emulator; None if none failed.
-
-    Parameters
-    ----------
-    path : Path
-        The emulator's file.
-    ended : list of (Run, Status)
-        All runs of the campaign.
-    """
+    """List the parameters of failed runs in a CSV file next to an emulator; None if none failed."""
     listed = path.with_suffix(".failures.csv")
     rows = [
         {"status": status.name, "advice": status.advice, "run": run.key()}

@@ -35,7 +35,11 @@ def emulate(
     if not timeout > 0.0:
         raise typer.BadParameter(f"--timeout {timeout:g} s is out of range; give more than 0")
     settings = _settings(geometry)
-    _refuse_uncertain(settings)
+    for one in settings.uncertain[:1]:
+        raise BayesdegError(
+            f"{one.name} is a prior, but an emulator of the whole range needs known dimensions; "
+            "'bayesdeg run STUDY' trains one for the study"
+        )
     actuator = geometry_of_study(settings)
     refuse_whole_range(actuator)
     manner = training.TrainingOptions(yes=yes, quiet=quiet, backend=backend)
@@ -44,15 +48,6 @@ def emulate(
         campaign = Campaign(actuator, manner.recipe, SolutionStore(store), executor, timeout)
         training.train(campaign, path, manner)
     output().print(f"wrote {path}", soft_wrap=True)
-
-
-def _refuse_uncertain(settings: Settings) -> None:
-    """Refuse dimensions given as priors, whose range an emulator of the whole range lacks."""
-    for one in settings.uncertain[:1]:
-        raise BayesdegError(
-            f"{one.name} is a prior, but an emulator of the whole range needs known dimensions; "
-            "'bayesdeg run STUDY' trains one for the study"
-        )
 
 
 def _settings(path: Path | None) -> Settings:

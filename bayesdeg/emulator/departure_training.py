@@ -424,13 +424,6 @@ def load_shift(nominal: Observed, away: Observed) -> float:
 
     Where curves balloon this moves their end: they end when the effective load reaches that at the
     end of the unmoved curve. It is used where no curve was followed to its end.
-
-    Parameters
-    ----------
-    nominal : Observed
-        The unmoved curve.
-    away : Observed
-        Departure of the moved curve.
     """
     growth = 1.0 + nominal.load * nominal.gradients[:, 0, 0]
     at = float(np.interp(away.load[-1], nominal.load, growth))

@@ -84,16 +84,7 @@ def describe(
 ) -> dict[str, str]:
     """Return a sentence for each group that leaves its range, and for the load.
 
-    Parameters
-    ----------
-    batch : Batch
-        Requested inputs.
-    span : TrainingRange
-        Training range.
-    limit : array, shape (n_rows,)
-        p/M up to which curves are smooth [–].
-    units : Units
-        Units of all of these.
+    ``limit``, shape (n_rows,), is p/M up to which curves are smooth; ``units`` are those of all.
     """
     out = ~inside(batch.groups[1:].T, span).T
     # values of a group count once per load of its row

@@ -310,16 +310,8 @@ def error_left(posteriors: Posteriors, ground: Surrogate, refinement: Refinement
     r"""Return the remaining effect of a refined emulator's error on a posterior.
 
     The standard error of a shift is that of the jackknife over the n curves,
-    :math:`s^2 = \frac{n - 1}{n} \sum_k \Delta_k^2`, with Δ the shift without one of them.
-
-    Parameters
-    ----------
-    posteriors : Posteriors
-        The worst of them counts.
-    ground : Surrogate
-        What was refined.
-    refinement : Refinement
-        Of it.
+    :math:`s^2 = \frac{n - 1}{n} \sum_k \Delta_k^2`, with Δ the shift without one of them. The
+    worst of the posteriors counts; ``ground`` is what was refined.
     """
     found, count = refinement.surrogate, len(refinement.without)
     exact, of_readings = found.without_mesh_error(), list[float]()
