@@ -202,10 +202,13 @@ class Geometry:
 
     @property
     def voids(self) -> tuple[Box, ...]:
-        """The slots: air that is not under pressure, open to the outside [mm]."""
+        """The slots: air that is not under pressure [mm]."""
         return self.slots
 
-    exposed = voids
+    @property
+    def exposed(self) -> tuple[Box, ...]:
+        """The slots, which are open to the outside [mm]."""
+        return self.slots
 
     @property
     def slab(self) -> tuple[Box, ...]:

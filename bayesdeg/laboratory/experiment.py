@@ -6,7 +6,7 @@ Causes are applied as in `bayesdeg.inference.model`, but to the truth.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -761,7 +761,8 @@ def _without_walkers(prediction: Prediction, shape: tuple[int, ...]) -> Predicti
         return np.broadcast_to(values, (1, *shape)).reshape(shape)
 
     further = prediction.further
-    read = {n: only(v) for n, v in vars(prediction).items() if n not in ("excess", "further")}
+    fields = vars(prediction).items()
+    read: dict[str, Any] = {n: only(v) for n, v in fields if n not in ("excess", "further")}
     swept = None if further is None else Further(*map(only, vars(further).values()))
     return Prediction(**read, further=swept)
 
