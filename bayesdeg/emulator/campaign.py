@@ -321,7 +321,7 @@ class _ActiveRuns:
 
     def _suspect(self, runs: list[Run]) -> None:
         warnings.warn(
-            f"a worker process died; {len(runs)} runs are retried, one at a time", stacklevel=5
+            f"a worker process died; {len(runs)} runs are retried, one at a time", stacklevel=4
         )
         self.suspects.extend(runs)
         if len(runs) == 1:
