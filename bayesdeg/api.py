@@ -29,6 +29,7 @@ from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
 from bayesdeg.data.settings import AnyDimensions
 from bayesdeg.data.study import Study
+from bayesdeg.emulator.campaign import Campaign, expect, train_emulator
 from bayesdeg.emulator.kept import CACHE, duration, refuse_whole_range, rough_seconds
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
@@ -36,7 +37,6 @@ from bayesdeg.emulator.trained import find, write_trained
 from bayesdeg.emulator.workers import kept_processes
 from bayesdeg.errors import BayesdegError, Stopped, use_one_of
 from bayesdeg.pipeline import forecast, own_forecast
-from bayesdeg.pipeline.emulation import Campaign, expect, train_emulator
 from bayesdeg.pipeline.lifetime import (
     default_hours,
     life_summary,

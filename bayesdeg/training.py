@@ -21,6 +21,14 @@ from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import Study
+from bayesdeg.emulator.campaign import (
+    Campaign,
+    Expectation,
+    endings,
+    expect,
+    solve_campaign,
+    train_emulator,
+)
 from bayesdeg.emulator.kept import (
     AT_THE_POSTERIOR,
     CACHE,
@@ -61,29 +69,20 @@ from bayesdeg.emulator.trained import (
     write_trained,
 )
 from bayesdeg.errors import BayesdegError, Stopped
-from bayesdeg.pipeline.emulation import (
-    AskedAfterwards,
-    Campaign,
-    Expectation,
-    asked_after,
-    asked_of,
-    endings,
-    expect,
-    solve_campaign,
-    train_emulator,
-)
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.progress import Progress
-from bayesdeg.pipeline.refinement import (
+from bayesdeg.pipeline.region import (
     LAST_ROUNDS,
     REFINING_ROUNDS,
     TARGET_SHIFT,
-    ErrorLeft,
+    AskedAfterwards,
+    asked_after,
+    asked_of,
     posteriors_of,
     refined_by,
     refining_campaign,
 )
 from bayesdeg.pipeline.run_record import emulator_facts
+from bayesdeg.progress import Progress
 from bayesdeg.report.wording import fixed, percent, words
 
 RECIPE = Recipe()
@@ -124,6 +123,11 @@ class TrainingOptions:
         """Return the recipe for an emulator of one study."""
         return replace(LOCAL(geometry.dimensions), backend=self.backend)
 
+    def say(self, text: str) -> None:
+        """Print a line about the training, unless quiet."""
+        if not self.quiet:
+            errors.print(text, soft_wrap=True)
+
 
 def emulator_for(
     study: Study, given: Path | None, *, options: TrainingOptions, executor: Executor | None
@@ -163,7 +167,12 @@ def _found_or_trained(
     if given is not None:
         trained = read_trained(given)
         refuse_lacking(trained, asked_beside, uncertain if study.actuator is not None else ())
-        _refuse_assembled(given, trained, options)
+        made_by = backend_of(trained.record)
+        if options.backend not in (Backend.KERNELS, made_by):
+            raise BayesdegError(
+                f"{given} was trained on curves of the {made_by}; train it with "
+                f"'bayesdeg emulate --backend {options.backend}', or leave --backend out"
+            )
         if study.actuator is None:
             return trained
         return surrogate_for(geometry_of_study(study.settings), trained)
@@ -171,8 +180,8 @@ def _found_or_trained(
         return None
     geometry = geometry_of_study(study.settings)
     mould = geometry.dimensions
-    if isinstance(mould, MeshDimensions) and mould.assumption and not options.quiet:
-        _print(mould.assumption)
+    if isinstance(mould, MeshDimensions) and mould.assumption:
+        options.say(mould.assumption)
     found = find(geometry, recipe=options.recipe, cache=options.cache)
     is_known = found.surrogate is not None and not lacking(found.surrogate, asked_beside)
     if found.surrogate is not None:
@@ -191,18 +200,8 @@ def _found_or_trained(
     known = _known(study, first, span_of(asked.in_units(units), wider=0.0), options)
     if known is not None:
         return known
-    if not options.quiet:
-        _print(f"{found.reason}; one is trained now for this study and kept in {options.cache}")
+    options.say(f"{found.reason}; one is trained now for this study and kept in {options.cache}")
     return train_for_study(study, first, executor, options)
-
-
-def _refuse_assembled(given: Path, trained: Surrogate, options: TrainingOptions) -> None:
-    """Refuse a file trained with the kernels if a different backend is requested."""
-    if options.backend not in (Backend.KERNELS, backend_of(trained.record)):
-        raise BayesdegError(
-            f"{given} was trained on curves of the {backend_of(trained.record)}; train it with "
-            f"'bayesdeg emulate --backend {options.backend}', or leave --backend out"
-        )
 
 
 def refuse_cells(settings: Settings, backend: Backend) -> None:
@@ -266,11 +265,9 @@ def _is_good(
     wanted_pct: float,
     before: AskedAfterwards | None = None,
 ) -> bool:
-    """Return whether an emulator is as accurate in the posterior region as curves can make it.
-
-    Further curves cannot correct the errors of the shipped emulator itself. If the curves of a
-    round bring no more of the posterior into the range, those of the next would not either.
-    """
+    """Return whether an emulator is as accurate in the posterior region as curves can make it."""
+    # Further curves cannot correct the errors of the shipped emulator itself. If the curves of a
+    # round bring no more of the posterior into the range, those of the next would not either.
     is_exact = design.only_departure or found.error_pct <= wanted_pct
     mends = before is None or found.outside < before.outside
     return is_exact and (found.outside <= TARGET_OUTSIDE or not mends)
@@ -281,16 +278,7 @@ def train_for_study(
 ) -> Surrogate:
     """Train an emulator over the range of a study, then in its posterior region until accurate.
 
-    Parameters
-    ----------
-    study : Study
-        With readings of actuators.
-    first : LocalDesign
-        The range given by films, priors and conditions.
-    executor : Executor, optional
-        Runs the solutions.
-    options : TrainingOptions
-        Settings for training.
+    ``first`` is the range given by films, priors and conditions.
 
     Raises
     ------
@@ -305,13 +293,22 @@ def train_for_study(
     before: AskedAfterwards | None = None
     for more in range(ROUNDS + 1):
         campaign = Campaign(geometry, recipe, store, executor, design=design, later=last_curves)
-        surrogate = completed(campaign, options)
+        surrogate = _worked(campaign, options, train_emulator)
         if more == ROUNDS:
             break
         found = _asked_after(study, surrogate, options)
         wanted = REFINABLE_PCT if is_refined_last else TARGET_PCT
         good = _is_good(found, design, wanted, before)
-        _say_where(found, wanted, options, good=good)
+        ends = (
+            f" (in a further {100.0 * found.unanswered:.2g} % of plausible cases the actuator "
+            "balloons below your highest pressure, which cannot be computed)"
+        )
+        options.say(
+            "in the posterior region the emulator's standard error is "
+            f"{found.error_pct:.2g} % (target: {wanted:g} %); {100.0 * found.outside:.2g} % of the "
+            f"region is out of range{ends if found.unanswered else ''}"
+            f"{'' if good else '; more curves are solved there'}"
+        )
         if good:
             base = found.base
             break
@@ -324,8 +321,7 @@ def train_for_study(
             last, surrogate = _refined(study, surrogate, begun, LAST_ROUNDS, options, base=base)
         except TooFewCurvesError as fault:
             surrogate = replace(surrogate, record=not_refined(surrogate.record))
-            if not options.quiet:
-                _print(f"{fault}; the emulator is kept as trained")
+            options.say(f"{fault}; the emulator is kept as trained")
         else:
             campaigns.append(last)
     _keep(campaigns, _kept_for(geometry, first, options), surrogate, options)
@@ -339,17 +335,6 @@ def refined_emulator(
 
     Fine curves are added until the remaining error can shift no posterior mean noticeably, or for
     `REFINING_ROUNDS` rounds. Solutions are reused.
-
-    Parameters
-    ----------
-    study : Study
-        With readings of actuators.
-    ground : Surrogate
-        An emulator of its geometry.
-    options : TrainingOptions
-        Settings for training.
-    executor : Executor, optional
-        Runs the solutions.
 
     Raises
     ------
@@ -389,22 +374,16 @@ def _refined(
         campaign = refining_campaign(campaign, posteriors, ground, number)
         solved = _worked(campaign, options, solve_campaign)
         found, left = refined_by(campaign, solved, posteriors, ground)
-        _say_left(left, options, last=number + 1 == rounds)
+        more = "" if left.is_small or number + 1 == rounds else "; more curves are solved there"
+        options.say(
+            f"{left.curves} curves in the posterior region moved {left.moved_parameter} by "
+            f"{left.moved_sd:.2g} sd; the emulator's remaining error shifts {left.parameter} by "
+            f"{left.shift_sd:.2g} sd (target: {TARGET_SHIFT:g}) and is "
+            f"{100.0 * left.share_of_reading_errors:.2g} % of a reading error{more}"
+        )
         if left.is_small:
             break
     return campaign, found
-
-
-def _say_left(left: ErrorLeft, options: TrainingOptions, *, last: bool) -> None:
-    if options.quiet:
-        return
-    then = "" if left.is_small or last else "; more curves are solved there"
-    _print(
-        f"{left.curves} curves in the posterior region moved {left.moved_parameter} by "
-        f"{left.moved_sd:.2g} sd; the emulator's remaining error shifts {left.parameter} by "
-        f"{left.shift_sd:.2g} sd (target: {TARGET_SHIFT:g}) and is "
-        f"{100.0 * left.share_of_reading_errors:.2g} % of a reading error{then}"
-    )
 
 
 def train(campaign: Campaign, path: Path, options: TrainingOptions) -> Surrogate:
@@ -415,20 +394,9 @@ def train(campaign: Campaign, path: Path, options: TrainingOptions) -> Surrogate
     Stopped
         If the user declines or stops it.
     """
-    surrogate = completed(campaign, options)
+    surrogate = _worked(campaign, options, train_emulator)
     _keep([campaign], path, surrogate, options)
     return surrogate
-
-
-def completed(campaign: Campaign, options: TrainingOptions) -> Surrogate:
-    """Announce the time of a campaign, complete it and train the emulator.
-
-    Raises
-    ------
-    Stopped
-        If the user declines or stops it.
-    """
-    return _worked(campaign, options, train_emulator)
 
 
 def _worked[Result](
@@ -436,22 +404,28 @@ def _worked[Result](
     options: TrainingOptions,
     work: Callable[[Campaign, Expectation, Progress], Result],
 ) -> Result:
-    """Announce the time of a campaign and run it.
-
-    Raises
-    ------
-    Stopped
-        If the user declines or stops it.
-    """
+    """Announce the time of a campaign, ask for consent on a terminal, and run it."""
+    store = campaign.store.folder
     try:
         with shown(options.quiet) as progress:
             expectation = expect(campaign, progress)
         if expectation.left:
-            _say(expectation, campaign.store.folder, options)
+            options.say(f"training takes {expectation}; solutions are stored in {store}")
+            if not options.yes and sys.stdin.isatty() and sys.stderr.isatty():
+                question = f"Train the emulator, {duration(expectation.whole_seconds)}?"
+                if not typer.confirm(question, default=True, err=True):
+                    raise Stopped(
+                        f"not trained; solutions are kept in {store}, and the same command "
+                        "continues from there"
+                    )
         with shown(options.quiet) as progress:
             return work(campaign, expectation, progress)
-    except KeyboardInterrupt as stop:
-        raise Stopped(_what_stays(campaign)) from stop
+    except (KeyboardInterrupt, typer.Abort) as stop:
+        total = len(campaign.runs)
+        raise Stopped(
+            f"stopped; {total - len(campaign.left())} of {total} finite element curves are kept in "
+            f"{store}, and the same command continues from there"
+        ) from stop
 
 
 def _keep(
@@ -461,70 +435,16 @@ def _keep(
     write_trained(path, surrogate)
     ended = [end for campaign in campaigns for end in endings(campaign)]
     listed = list_failures(path, ended)
-    if not options.quiet:
-        errors.print(runs_table(ended))
-        if listed is not None:
-            _print(f"parameters of the failed ones: {listed}")
-        errors.print(accuracy_table(surrogate))
-
-
-def _say_where(
-    found: AskedAfterwards, wanted_pct: float, options: TrainingOptions, *, good: bool
-) -> None:
     if options.quiet:
         return
-    then = "" if good else "; more curves are solved there"
-    ends = (
-        ""
-        if found.unanswered == 0.0
-        else f" (in a further {100.0 * found.unanswered:.2g} % of plausible cases the actuator "
-        "balloons below your highest pressure, which cannot be computed)"
-    )
-    _print(
-        f"in the posterior region the emulator's standard error is {found.error_pct:.2g} % "
-        f"(target: {wanted_pct:g} %); {100.0 * found.outside:.2g} % of the region is out of range"
-        f"{ends}{then}"
-    )
-
-
-def _say(expectation: Expectation, store: Path, options: TrainingOptions) -> None:
-    if not options.quiet:
-        _print(f"training takes {expectation}; solutions are stored in {store}")
-    if options.yes or not (sys.stdin.isatty() and sys.stderr.isatty()):
-        return
-    question = f"Train the emulator, {duration(expectation.whole_seconds)}?"
-    try:
-        agreed = typer.confirm(question, default=True, err=True)
-    except typer.Abort as stop:
-        raise KeyboardInterrupt from stop
-    if not agreed:
-        raise Stopped(
-            f"not trained; solutions are kept in {store}, and the same command continues from there"
-        )
-
-
-def _what_stays(campaign: Campaign) -> str:
-    total, folder = len(campaign.runs), campaign.store.folder
-    return (
-        f"stopped; {total - len(campaign.left())} of {total} finite element curves are kept in "
-        f"{folder}, and the same command continues from there"
-    )
-
-
-def _print(text: str) -> None:
-    errors.print(text, soft_wrap=True)
+    errors.print(runs_table(ended))
+    if listed is not None:
+        options.say(f"parameters of the failed ones: {listed}")
+    errors.print(accuracy_table(surrogate))
 
 
 def list_failures(path: Path, ended: list[tuple[Run, Status]]) -> Path | None:
-    """List the parameters of failed runs in a CSV file next to an emulator; None if none failed.
-
-    Parameters
-    ----------
-    path : Path
-        The emulator's file.
-    ended : list of (Run, Status)
-        All runs of the campaign.
-    """
+    """List the parameters of failed runs in a CSV file next to an emulator; None if none failed."""
     listed = path.with_suffix(".failures.csv")
     rows = [
         {"status": status.name, "advice": status.advice, "run": run.key()}

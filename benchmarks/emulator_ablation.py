@@ -15,10 +15,11 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import PLANS, WHOLE, FitPlan, Run, runs, train
+from bayesdeg.emulator.campaign import runs
+from bayesdeg.emulator.fit import PLANS, WHOLE, FitPlan, train
 from bayesdeg.emulator.kept import Recipe, mesh_error_of
 from bayesdeg.emulator.scaling import TrainingRange
-from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.solutions import Run, SolutionStore
 from bayesdeg.emulator.surrogate import Surrogate
 
 TIMED = 1  # curves of each mesh whose derivatives are timed

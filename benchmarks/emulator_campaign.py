@@ -22,8 +22,8 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import Run, complete
-from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.campaign import complete
+from bayesdeg.emulator.solutions import Run, SolutionStore
 from bayesdeg.emulator.workers import WorkerProcesses, cluster_executor, solve
 
 DASK = Path(sysconfig.get_path("scripts")) / "dask"

@@ -14,7 +14,7 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator import campaign
-from bayesdeg.emulator.campaign import fit_limit
+from bayesdeg.emulator.fit import fit_limit
 from bayesdeg.emulator.kept import Recipe
 from bayesdeg.emulator.regression import reach
 from bayesdeg.emulator.scaling import Place

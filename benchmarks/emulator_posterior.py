@@ -45,8 +45,8 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel
-from bayesdeg.pipeline.emulation import asked_of
 from bayesdeg.pipeline.reach import assemble_within_reach
+from bayesdeg.pipeline.region import asked_of
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]

@@ -36,11 +36,11 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import Kind, Run, complete
+from bayesdeg.emulator.campaign import complete
 from bayesdeg.emulator.coordinates import ALONG, UP
 from bayesdeg.emulator.design import study_like
 from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.emulator.workers import pool
 

@@ -50,8 +50,7 @@ from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.pipeline.emulation import asked_of
-from bayesdeg.pipeline.refinement import posteriors_of
+from bayesdeg.pipeline.region import asked_of, posteriors_of
 from bayesdeg.training import LOCAL, TrainingOptions, emulator_for
 
 Floats = NDArray[np.float64]

@@ -51,9 +51,9 @@ from dataclasses import replace
 from tests.pipeline.tiny_campaign import RECIPE, build
 from bayesdeg import cli
 from bayesdeg import training
-from bayesdeg.pipeline import emulation
+from bayesdeg.emulator import campaign
 more = replace(RECIPE, coarse_runs=24, fine_runs=8)
-training.RECIPE, training.LOCAL, emulation.build = more, lambda _: more, build
+training.RECIPE, training.LOCAL, campaign.build = more, lambda _: more, build
 sys.argv = ["bayesdeg", *sys.argv[1:]]
 if __name__ == "__main__":
     sys.exit(cli.exit_code())

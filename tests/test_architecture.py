@@ -46,6 +46,7 @@ LAYERS = (
     "files",
     "errors",
     "compiled",
+    "progress",
     "quantities",
     "limited",
     "signals",

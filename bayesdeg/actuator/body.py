@@ -1,12 +1,14 @@
 """Bodies of bricks or of tetrahedra: elements, nodes, and fixed, pressurised and papered parts."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementHex1, ElementHex2, ElementTetCCR, MeshHex
 from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTet
 
 from bayesdeg.data.part import SIDES_OF_TETRAHEDRON
 
@@ -68,24 +70,21 @@ def reference_faces(order: int) -> Indices:
     return np.array(faces, dtype=np.int64)
 
 
-def _corner_places(order: int) -> Indices:
-    side = order + 1
-    return np.array([0, side - 1, side * (side - 1), side * side - 1])
-
-
-def _element(name: str, order: int, pressure: str) -> Element:
-    kind = ElementHex1() if order == 1 else ElementHex2()
-    points, weights = get_quadrature(kind.refdom, 2 * order + 1)
-    count = 8 if order == 1 else 27
-    basis = [kind.lbasis(points, a) for a in range(count)]
+def _made(
+    name: str,
+    order: int,
+    kind: Any,
+    degree: int,
+    places: Iterable[int],
+    modes: Callable[[Floats], Floats],
+    sides: Indices,
+    corners: Indices,
+) -> Element:
+    """Return an element with scikit-fem's shape functions of some places at Gauss points."""
+    points, weights = get_quadrature(kind.refdom, degree)
+    basis = [kind.lbasis(points, a) for a in places]
     shapes = np.stack([values for values, _ in basis], axis=1)
     slopes = np.stack([gradients for _, gradients in basis], axis=1)
-    one = np.ones((len(weights), 1))
-    modes = {
-        "constant": one,
-        "linear": np.hstack([one, points.T - 0.5]),
-        "free": np.eye(len(weights)),
-    }[pressure]
     return Element(
         name,
         order,
@@ -93,9 +92,19 @@ def _element(name: str, order: int, pressure: str) -> Element:
         np.ascontiguousarray(weights),
         np.ascontiguousarray(shapes),
         np.ascontiguousarray(np.transpose(slopes, (2, 1, 0))),
-        np.ascontiguousarray(modes),
-        reference_faces(order),
-        _corner_places(order),
+        np.ascontiguousarray(modes(points.T)),
+        sides,
+        corners,
+        triangular=kind.refdom is RefTet,
+    )
+
+
+def _element(name: str, order: int, modes: Callable[[Floats], Floats]) -> Element:
+    kind, side = ElementHex1() if order == 1 else ElementHex2(), order + 1
+    corners = np.array([0, side - 1, side * (side - 1), side * side - 1])
+    count = 8 if order == 1 else 27
+    return _made(
+        *(name, order, kind, 2 * order + 1, range(count), modes, reference_faces(order), corners)
     )
 
 
@@ -120,39 +129,27 @@ def tetrahedron(degree: int = 6) -> Element:
     Crouzeix and Raviart (1973), RAIRO 7:33, doi:10.1051/m2an/197307R300331.
     """
     kind = ElementTetCCR()
-    points, weights = get_quadrature(kind.refdom, degree)
-    basis = [kind.lbasis(points, a) for a in _places_of_tetrahedron(np.asarray(kind.doflocs))]
-    shapes = np.stack([values for values, _ in basis], axis=1)
-    slopes = np.stack([gradients for _, gradients in basis], axis=1)
-    return Element(
-        "P2+P1disc",
-        2,
-        np.ascontiguousarray(points.T),
-        np.ascontiguousarray(weights),
-        np.ascontiguousarray(shapes),
-        np.ascontiguousarray(np.transpose(slopes, (2, 1, 0))),
-        np.ascontiguousarray(np.hstack([np.ones((len(weights), 1)), points.T - 0.25])),
-        _NODES_OF_SIDES,
-        np.arange(3),
-        triangular=True,
-    )
+    ours = _nodes_of(np.vstack([np.zeros(3), np.eye(3)]))
+    distance = np.abs(ours[:, None] - np.asarray(kind.doflocs)[None]).sum(axis=2)
+    places = np.argmin(distance, axis=1).tolist()
+
+    def modes(points: Floats) -> Floats:
+        return np.hstack([np.ones((len(points), 1)), points - 0.25])
+
+    return _made("P2+P1disc", 2, kind, degree, places, modes, _NODES_OF_SIDES, np.arange(3))
 
 
 EDGES_OF_TETRAHEDRON = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
 
 
-def _local_sides() -> Indices:
-    """Return corners, middles of edges and middle of each side among the 15 nodes."""
-    place = {frozenset(edge): 4 + k for k, edge in enumerate(EDGES_OF_TETRAHEDRON.tolist())}
-    return np.array(
-        [
-            [a, b, c, *(place[frozenset(edge)] for edge in ((a, b), (b, c), (c, a))), 10 + k]
-            for k, (a, b, c) in enumerate(SIDES_OF_TETRAHEDRON.tolist())
-        ]
-    )
-
-
-_NODES_OF_SIDES = _local_sides()
+_MIDDLES = {frozenset(edge): 4 + k for k, edge in enumerate(EDGES_OF_TETRAHEDRON.tolist())}
+# corners, middles of edges and middle of each side among the 15 nodes
+_NODES_OF_SIDES = np.array(
+    [
+        [a, b, c, *(_MIDDLES[frozenset(edge)] for edge in ((a, b), (b, c), (c, a))), 10 + k]
+        for k, (a, b, c) in enumerate(SIDES_OF_TETRAHEDRON.tolist())
+    ]
+)
 
 
 def _nodes_of(corners: Floats) -> Floats:
@@ -176,19 +173,13 @@ def reference_nodes(element: Element) -> Floats:
     return np.asarray((ElementHex1() if element.order == 1 else ElementHex2()).doflocs)
 
 
-def _places_of_tetrahedron(theirs: Floats) -> list[int]:
-    """Map each of the 15 nodes to scikit-fem's local nodes."""
-    ours = _nodes_of(np.vstack([np.zeros(3), np.eye(3)]))
-    distance = np.abs(ours[:, None] - theirs[None]).sum(axis=2)
-    found: list[int] = np.argmin(distance, axis=1).tolist()
-    return found
-
-
 # a pressure free at every quadrature point is equivalent to none: this element locks
-LINEAR_FULL = _element("Q1", 1, "free")
-LINEAR_CONSTANT = _element("Q1P0", 1, "constant")
-QUADRATIC_CONSTANT = _element("Q2P0", 2, "constant")
-QUADRATIC = _element("Q2P1disc", 2, "linear")
+LINEAR_FULL = _element("Q1", 1, lambda points: np.eye(len(points)))
+LINEAR_CONSTANT = _element("Q1P0", 1, lambda points: np.ones((len(points), 1)))
+QUADRATIC_CONSTANT = _element("Q2P0", 2, lambda points: np.ones((len(points), 1)))
+QUADRATIC = _element(
+    "Q2P1disc", 2, lambda points: np.hstack([np.ones((len(points), 1)), points - 0.5])
+)
 TETRAHEDRON = tetrahedron()
 
 
@@ -280,7 +271,11 @@ def body_of(mesh: MeshHex, element: Element = QUADRATIC) -> Body:
     kind = ElementHex1() if element.order == 1 else ElementHex2()
     basis = Basis(mesh, kind, intorder=2 * element.order + 1)
     nodes = np.ascontiguousarray(basis.doflocs.T)
-    elements = np.ascontiguousarray(basis.element_dofs.T.astype(np.int64)[:, _mirror(kind)])
+    # the order of local nodes that turns scikit-fem's left-handed tensor bricks right-handed
+    places = np.asarray(kind.doflocs)
+    mirrored = places * [-1.0, 1.0, 1.0] + [1.0, 0.0, 0.0]
+    order = np.argmin(np.abs(places[None] - mirrored[:, None]).sum(axis=2), axis=1)
+    elements = np.ascontiguousarray(basis.element_dofs.T.astype(np.int64)[:, order])
     return _bare(element, nodes, elements)
 
 
@@ -322,14 +317,6 @@ def tetrahedra_of(points: Floats, cells: Indices) -> Body:
         elements.append(which.reshape(kind.shape[:2]) + sum(map(len, nodes)))
         nodes.append(points[every].mean(axis=1))
     return _bare(TETRAHEDRON, np.vstack(nodes), np.hstack(elements).astype(np.int64))
-
-
-def _mirror(kind: ElementHex1 | ElementHex2) -> Indices:
-    """Order of local nodes that turns scikit-fem's left-handed tensor bricks right-handed."""
-    places = np.asarray(kind.doflocs)
-    mirrored = places * [-1.0, 1.0, 1.0] + [1.0, 0.0, 0.0]
-    distance = np.abs(places[None] - mirrored[:, None]).sum(axis=2)
-    return np.asarray(np.argmin(distance, axis=1), dtype=np.int64)
 
 
 def box(

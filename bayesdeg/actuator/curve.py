@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.demand import MEASURES, demanded_strain, needed
-from bayesdeg.actuator.equilibrium import LoadStep, Path, Visit, follow
+from bayesdeg.actuator.equilibrium import LoadStep, Path, follow
 from bayesdeg.actuator.families import with_dimensions
 from bayesdeg.actuator.inputs import (
     Further,
@@ -53,6 +53,7 @@ from bayesdeg.actuator.weak_form import Spaces, WeakForm
 from bayesdeg.errors import BayesdegError, GeometryError
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 VOLUME = OUTPUTS.index("cavity_volume")
 CUBIC_MILLIMETRE = 1e-3  # ml
@@ -361,9 +362,18 @@ class Actuator:
         with self._lock:
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort)
-        found = _reactions(problem, tip_edge(mesh), path, solver.name)
-        own = {name: mesh.share * getattr(found, name) for name in _FORCES}
-        return replace(found, **own)
+        end = (path.status, path.limit_load, path.iterations)
+        if path.rest is None:
+            empty = _empty(path.status, outputs=1)
+            return replace(empty, limit_load=path.limit_load, iterations=path.iterations)
+        held, values, rates = tip_edge(mesh), list[float](), list[float]()
+        for point in (path.rest, *path.points):
+            residual = problem.linearise(point.state, tangent=False).force
+            ((change, _),) = problem.products(point.state, [point.rate])
+            values.append(float(residual[held, 2].sum()))
+            rates.append(float(change[held, 2].sum()))
+        found, by_load = (mesh.share * np.array(column)[:, None] for column in (values, rates))
+        return CurveSolution(found[1:], by_load[1:], found[0], by_load[0], *end, solver.name)
 
     def solve_with_gradients(
         self, curve: Curve, *, effort: PathEffort | None = None
@@ -383,7 +393,10 @@ class Actuator:
         BayesdegError
             If scikit-fem assembles the equations.
         """
-        self._need_kernels()
+        if self.backend is not Backend.KERNELS:
+            raise BayesdegError(
+                f"{self.backend} gives no derivatives by the inputs; use {Backend.KERNELS}"
+            )
         exact = replace(effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
         try:
             mesh, problem = self.problem(curve)
@@ -411,11 +424,19 @@ class Actuator:
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
-            return _no_samples(Status.INVALID_INPUT, outputs)
+            none = np.empty((0, outputs))
+            gradients = _stacked([], outputs)
+            return PathSamples(np.empty(0), none, gradients, Status.INVALID_INPUT, 0.0, 0, "", none)
         with self._lock:
             record = self._recorder(problem, mesh, enough=1e-4, is_smooth=True)
             solver, equations = self._opened(), self._assembled(mesh, problem)
-            visit = record.visit if equations is problem else _by_kernels(problem, record.visit)
+
+            def visit(step: LoadStep) -> None:
+                # with the kernels' couplings, whatever assembles the equations
+                if equations is not problem and step.factors is not None:
+                    step = replace(step, factors=problem.linearise(step.state))
+                record.visit(step)
+
             path = follow(equations, solver, loads=curve.loads, effort=effort, visit=visit)
         between = () if self.held else _readings(mesh, path.points, has_rates=False)
         return PathSamples(
@@ -428,12 +449,6 @@ class Actuator:
             solver.name,
             np.array([one.values for one in between]).reshape(-1, outputs),
         )
-
-    def _need_kernels(self) -> None:
-        if self.backend is not Backend.KERNELS:
-            raise BayesdegError(
-                f"{self.backend} gives no derivatives by the inputs; use {Backend.KERNELS}"
-            )
 
     def _recorder(
         self,
@@ -495,16 +510,6 @@ class Actuator:
         return mesh, Problem(self.system.with_body(mesh.body), material, layer=layer)
 
 
-def _by_kernels(problem: Problem, visit: Visit) -> Visit:
-    """Return a visit with the kernels' couplings, for any assembly of the equations."""
-
-    def with_kernels(step: LoadStep) -> None:
-        known = step.factors is not None
-        visit(replace(step, factors=problem.linearise(step.state)) if known else step)
-
-    return with_kernels
-
-
 def check_inputs(curve: Curve) -> None:
     """Refuse inputs that give no valid equation.
 
@@ -535,11 +540,6 @@ def _stacked(gradients: Sequence[Floats], outputs: int = len(OUTPUTS)) -> Floats
     return np.array(gradients).reshape(-1, outputs, len(INPUTS))
 
 
-def _no_samples(status: Status, outputs: int) -> PathSamples:
-    none = np.empty((0, outputs))
-    return PathSamples(np.empty(0), none, _stacked([], outputs), status, 0.0, 0, "", none)
-
-
 def _readings(
     mesh: ActuatorMesh, points: Sequence[Point], *, has_rates: bool = True
 ) -> list[Reading]:
@@ -566,28 +566,6 @@ def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
         path.iterations,
         solver,
     )
-
-
-_FORCES = ("readings", "rates", "rest", "rest_rates")
-
-
-def _reactions(
-    problem: DiscreteEquations, held: NDArray[np.int64], path: Path, solver: str
-) -> CurveSolution:
-    """Return the force at held nodes, at every equilibrium of a path."""
-    end = (path.status, path.limit_load, path.iterations)
-    if path.rest is None:
-        return replace(
-            _empty(path.status, outputs=1), limit_load=path.limit_load, iterations=path.iterations
-        )
-    values, rates = list[float](), list[float]()
-    for point in (path.rest, *path.points):
-        residual = problem.linearise(point.state, tangent=False).force
-        ((change, _),) = problem.products(point.state, [point.rate])
-        values.append(float(residual[held, 2].sum()))
-        rates.append(float(change[held, 2].sum()))
-    found, by_load = np.array(values)[:, None], np.array(rates)[:, None]
-    return CurveSolution(found[1:], by_load[1:], found[0], by_load[0], *end, solver)
 
 
 # of a campaign: paths beyond this many factorizations are not suitable for training
@@ -639,7 +617,11 @@ class ExactMap:
             return relative_to_reference(self, inputs)
         curvature, angle, stretch, slope, status, swept, swelling, *strains = self._answers(inputs)
         shape = curvature.shape
-        volumes = Further(swept, swelling, np.zeros(shape))
+        further = None
+        if inputs.asked == "cavity_volume":
+            further = Further(swept, swelling, np.zeros(shape))
+        elif inputs.asked == "tip_force":
+            further = self.tip_force(inputs)
         if inputs.criterion != "principal_stretch":
             seen = np.stack([strains[k] for k in needed(inputs.criterion)])
             stretch = 1.0 + demanded_strain(inputs, seen)
@@ -652,21 +634,13 @@ class ExactMap:
             bend_angle_sd=np.zeros(shape),
             peak_stretch_sd=np.zeros(shape),
             status=status.astype(np.int64),
-            further=volumes if inputs.asked == "cavity_volume" else self._force_if_asked(inputs),
+            further=further,
         )
-
-    def _force_if_asked(self, inputs: Inputs) -> Further | None:
-        return self.tip_force(inputs) if inputs.asked == "tip_force" else None
 
     def cavity_volume(self, inputs: Inputs) -> Floats:
         """Return the increase of the whole actuator's cavity volume over zero pressure [ml].
 
         Over the reference pressure instead, if there is one; nan where the curve was not reached.
-
-        Parameters
-        ----------
-        inputs : Inputs
-            The last axis is pressure.
         """
         if inputs.reference_pressure is not None:
             plain = replace(inputs, reference_pressure=None)
@@ -680,11 +654,6 @@ class ExactMap:
 
         The lower edge of its free end rests on a load cell; the force is relative to the reference
         pressure, or to zero pressure. It is nan where the curve was not reached.
-
-        Parameters
-        ----------
-        inputs : Inputs
-            The last axis is pressure.
         """
         if inputs.reference_pressure is not None:
             plain = replace(inputs, reference_pressure=None)
@@ -714,20 +683,27 @@ class ExactMap:
         scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
         c1 = np.broadcast_to(inputs.c1, shape).reshape(-1, shape[-1])
         # a layer has its own constants, of which only ratios to C1 matter
-        apart = rows | sizes | ({"c1": c1} if self.geometry.constraint.is_slab else {})
-        places = [(i, at) for i in range(len(load)) for at in _alike(apart, i)]
-        curves = [
-            replace(
-                _curve(load[i, at], {name: group[i, at[0]] for name, group in rows.items()}),
-                layer=self._layer(float(c1[i, at[0]])),
-            )
-            for i, at in places
-        ]
+        constraint = self.geometry.constraint
+        apart = rows | sizes | ({"c1": c1} if constraint.is_slab else {})
+        places, curves, shapes = list[tuple[int, Indices]](), list[Curve](), list[Moulded]()
+        for i in range(len(load)):
+            # readings of a specimen with the same material, weight and shape share a curve
+            columns = np.stack([group[i] for group in apart.values()])
+            which = np.unique(columns, axis=1, return_inverse=True)[1].ravel()
+            for k in range(int(which.max(initial=-1)) + 1):
+                at = np.flatnonzero(which == k)
+                loads = np.unique(load[i, at][(load[i, at] > 0.0) | ~np.isfinite(load[i, at])])
+                groups = {name: float(group[i, at[0]]) for name, group in rows.items()}
+                layer = None
+                if constraint.is_slab:
+                    layer = LayerGroups(
+                        *(part / float(c1[i, at[0]]) for part in constraint.constants)
+                    )
+                moved = {name: float(size[i, at[0]]) for name, size in sizes.items()}
+                places.append((i, at))
+                curves.append(Curve(tuple(map(float, loads)), MaterialGroups(**groups), layer))
+                shapes.append(with_dimensions(self.geometry, moved))
         found = np.empty((2 if held else 7 + len(MEASURES), *load.shape))
-        shapes = [
-            self._moved({name: float(size[i, at[0]]) for name, size in sizes.items()})
-            for i, at in places
-        ]
         solved = self._solve(curves, shapes, held=held)
         for (i, at), curve, solution in zip(places, curves, solved, strict=True):
             if held:
@@ -736,17 +712,6 @@ class ExactMap:
             else:
                 found[:, i, at] = _place(solution, curve, load[i, at], scale[i, at])
         return found.reshape(-1, *shape)
-
-    def _layer(self, c1: float) -> LayerGroups | None:
-        """Return the constants of a layer of elastomer over C1 of the body [MPa]."""
-        constraint = self.geometry.constraint
-        if not constraint.is_slab:
-            return None
-        return LayerGroups(*(constant / c1 for constant in constraint.constants))
-
-    def _moved(self, sizes: dict[str, float]) -> Moulded:
-        """Return the actuator with changed dimensions [mm]; itself if there are none."""
-        return with_dimensions(self.geometry, sizes) if sizes else self.geometry
 
     def _solve(
         self, curves: list[Curve], shapes: list[Moulded], *, held: bool = False
@@ -769,35 +734,24 @@ class ExactMap:
 MESHES = 3  # cached by a process; factors of a fine one take some hundred megabytes
 
 
-class _Held:
-    """Cache of this process's last meshes with their solvers; older ones are closed."""
-
-    def __init__(self) -> None:
-        self._actuators: dict[tuple[object, ...], Actuator] = {}
-
-    def get(
-        self,
-        geometry: Moulded,
-        resolution: Resolution,
-        backend: Backend = Backend.KERNELS,
-        *,
-        held: bool = False,
-        origin: Moulded | None = None,
-    ) -> Actuator:
-        meshed = geometry if origin is None else origin
-        key = (geometry, resolution, backend, held, meshed)
-        found = self._actuators.pop(key, None)
-        if found is None:
-            mesh = build_mesh(meshed, resolution)
-            mesh = mesh if meshed == geometry else moved_onto(mesh, geometry)
-            found = Actuator(mesh, backend=backend, held=held)
-        self._actuators[key] = found
-        while len(self._actuators) > MESHES:
-            self._actuators.pop(next(iter(self._actuators))).close()
-        return found
+_HELD: dict[tuple[object, ...], Actuator] = {}
 
 
-_HELD = _Held()
+def _actuator(
+    geometry: Moulded, resolution: Resolution, backend: Backend, held: bool, origin: Moulded | None
+) -> Actuator:
+    """Return one of this process's last meshed actuators; older ones are closed."""
+    meshed = geometry if origin is None else origin
+    key = (geometry, resolution, backend, held, meshed)
+    found = _HELD.pop(key, None)
+    if found is None:
+        mesh = build_mesh(meshed, resolution)
+        mesh = mesh if meshed == geometry else moved_onto(mesh, geometry)
+        found = Actuator(mesh, backend=backend, held=held)
+    _HELD[key] = found
+    while len(_HELD) > MESHES:
+        _HELD.pop(next(iter(_HELD))).close()
+    return found
 
 
 def solve_task(
@@ -813,7 +767,7 @@ def solve_task(
     The mesh is that of ``origin``, moved onto the actuator, if it is given.
     """
     geometry, resolution, curve = task
-    actuator = _HELD.get(geometry, resolution, backend, held=held, origin=origin)
+    actuator = _actuator(geometry, resolution, backend, held, origin)
     return (actuator.tip_forces if held else actuator.solve)(curve, effort=effort)
 
 
@@ -827,21 +781,8 @@ def sample_task(
 ) -> PathSamples:
     """Sample one curve, with this process's copy of the mesh built once, its tip held or free."""
     geometry, resolution, curve = task
-    actuator = _HELD.get(geometry, resolution, backend, held=held, origin=origin)
+    actuator = _actuator(geometry, resolution, backend, held, origin)
     return actuator.sample(curve, effort=replace(effort or SAMPLING, steps=LEARNED_STEPS))
-
-
-def _alike(rows: dict[str, Floats], row: int) -> list[NDArray[np.intp]]:
-    """Return which readings of a specimen have the same material, weight and shape."""
-    columns = np.stack([group[row] for group in rows.values()])
-    which = np.unique(columns, axis=1, return_inverse=True)[1].ravel()
-    return [np.flatnonzero(which == k) for k in range(int(which.max(initial=-1)) + 1)]
-
-
-def _curve(load: Floats, groups: dict[str, Floats]) -> Curve:
-    loads = np.unique(load[(load > 0.0) | ~np.isfinite(load)])
-    material = MaterialGroups(**{name: float(group) for name, group in groups.items()})
-    return Curve(tuple(float(q) for q in loads), material)
 
 
 def _place_force(solution: CurveSolution, curve: Curve, load: Floats, size: Floats) -> list[Floats]:

@@ -128,15 +128,7 @@ STUCK = 1e-5  # of the last load: shorter steps are hopeless
 
 
 def extrapolate(points: Sequence[Point], load: float) -> MechanicalState:
-    """Return the Hermite polynomial through the latest points, at a load beyond them.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        The path so far.
-    load : float
-        Target load.
-    """
+    """Return the Hermite polynomial through the latest points, at a load beyond them."""
     loads = np.array([point.state.load for point in points[-MEMORY:]])
     count = len(loads)
     # extrapolation from close points is dominated by rounding
@@ -351,10 +343,12 @@ class _Search:
 
     def run(self, points: Sequence[Point], highest: float, deadline: float) -> Limit:
         last = points[-1]
-        here = self._settle(last.state, self._volume(last.state))
+        here = self._settle(last.state, self.problem.cavity_volume(last.state))
         if here is None:
             return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
-        step = self._first_step(points, here)
+        back = points[-2].state if len(points) > 1 else self.problem.system.rest()
+        swept = here.volume - self.problem.cavity_volume(back)
+        step = 0.5 * max(swept, 1e-3 * abs(here.volume))
         for _ in range(STEPS):
             if time.monotonic() > deadline:
                 return Limit(Status.TIMED_OUT, np.inf, self.spent)
@@ -362,7 +356,11 @@ class _Search:
                 return Limit(Status.BUCKLED, here.state.load, self.spent)
             if here.state.load > 2.0 * highest or self.spent > self.effort.total:
                 break
-            there = self._settle(self._ahead(here, step), here.volume + step)
+            d = here.direction
+            ahead = here.state.moved(
+                step * d.displacement, step * d.pressure, step * here.load_rate
+            )
+            there = self._settle(ahead, here.volume + step)
             if there is None:
                 step *= 0.5
                 continue
@@ -374,17 +372,6 @@ class _Search:
                 continue
             here, step = there, 1.5 * step
         return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
-
-    def _first_step(self, points: Sequence[Point], here: _Place) -> float:
-        back = points[-2].state if len(points) > 1 else self.problem.system.rest()
-        return 0.5 * max(here.volume - self._volume(back), 1e-3 * abs(here.volume))
-
-    def _volume(self, state: MechanicalState) -> float:
-        return self.problem.cavity_volume(state)
-
-    def _ahead(self, here: _Place, step: float) -> MechanicalState:
-        d = here.direction
-        return here.state.moved(step * d.displacement, step * d.pressure, step * here.load_rate)
 
     def _settle(self, guess: MechanicalState, volume: float) -> _Place | None:
         """Newton's method with the load as an unknown and the volume given."""
@@ -568,15 +555,21 @@ def _rest(
     visit: Visit,
     deadline: float,
 ) -> tuple[Point | None, Status, int]:
-    """Find the equilibrium at zero pressure by raising the dead loads in steps.
-
-    Each step starts from the polynomial through the last states.
-    """
+    """Find the equilibrium at zero pressure by raising the dead loads in steps."""
     states, shares, spent = [problem.system.rest()], [0.0], 0
-    step = _first_share(problem)
+    step = 1.0
+    if problem.has_dead_load:  # a safe initial share
+        mismatch = abs(problem.material.paper_mismatch)
+        step = min(1.0, SAFE_MISMATCH / max(mismatch, SAFE_MISMATCH))
     while True:
         aim = min(1.0, shares[-1] + step)
-        guess = _extrapolated(states, shares, aim)
+        u, p = np.zeros_like(states[0].displacement), np.zeros_like(states[0].pressure)
+        for k, (state, share) in enumerate(zip(states, shares, strict=True)):
+            others = np.delete(np.array(shares), k)
+            weight = float(np.prod((aim - others) / (share - others)))
+            u += weight * state.displacement
+            p += weight * state.pressure
+        guess = MechanicalState(u, p, 0.0)
         trial = find_equilibrium(problem.with_share(aim), solver, guess=guess, effort=effort)
         spent += trial.factorizations
         if trial.rate is not None and aim == 1.0:
@@ -593,23 +586,3 @@ def _rest(
             step *= QUICK_GROWTH if trial.factorizations <= QUICK else 1.0
         if step < 0.5 ** (effort.halvings + 1):
             return None, Status.BUCKLED, spent
-
-
-def _first_share(problem: DiscreteEquations) -> float:
-    """Return a safe initial share of the dead loads."""
-    if not problem.has_dead_load:
-        return 1.0
-    return min(1.0, SAFE_MISMATCH / max(abs(problem.material.paper_mismatch), SAFE_MISMATCH))
-
-
-def _extrapolated(
-    states: Sequence[MechanicalState], shares: Sequence[float], aim: float
-) -> MechanicalState:
-    """Return the polynomial through states at shares of the dead load, beyond the last."""
-    u, p = np.zeros_like(states[0].displacement), np.zeros_like(states[0].pressure)
-    for k, (state, share) in enumerate(zip(states, shares, strict=True)):
-        others = np.delete(np.array(shares), k)
-        weight = float(np.prod((aim - others) / (share - others)))
-        u += weight * state.displacement
-        p += weight * state.pressure
-    return MechanicalState(u, p, 0.0)

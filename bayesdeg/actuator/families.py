@@ -6,7 +6,7 @@ solved.
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -43,6 +43,13 @@ class PartGeometry:
     wall_factor: float = 1.0
     erosion: float = 0.0
     constraint: Constraint = field(default_factory=Constraint)
+    # its air is not boxes, and its outline is that of the mesh; an elastomer layer is not meshed
+    cavities: ClassVar[tuple[Box, ...]] = ()
+    voids: ClassVar[tuple[Box, ...]] = ()
+    exposed: ClassVar[tuple[Box, ...]] = ()
+    slab: ClassVar[tuple[Box, ...]] = ()
+    rounded: ClassVar[None] = None
+    is_boxes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Refuse changes of walls."""
@@ -67,36 +74,6 @@ class PartGeometry:
         """Bounding block of half the part [mm]."""
         d = self.dimensions
         return (0.0, d.length), (0.0, 0.5 * d.width), (0.0, d.height)
-
-    @property
-    def cavities(self) -> tuple[Box, ...]:
-        """Empty: they are not boxes."""
-        return ()
-
-    @property
-    def voids(self) -> tuple[Box, ...]:
-        """Empty: they are not boxes."""
-        return ()
-
-    @property
-    def exposed(self) -> tuple[Box, ...]:
-        """Empty: they are not boxes."""
-        return ()
-
-    @property
-    def slab(self) -> tuple[Box, ...]:
-        """Empty: an elastomer layer is not meshed."""
-        return ()
-
-    @property
-    def rounded(self) -> None:
-        """None: the outline is that of the mesh."""
-        return
-
-    @property
-    def is_boxes(self) -> bool:
-        """Whether it is a block minus boxes: no."""
-        return False
 
     @property
     def volume(self) -> float:
@@ -217,13 +194,11 @@ def is_movable(geometry: Moulded, other: Moulded) -> bool:
     (True, False)
     """
     alike = [len(a) == len(b) for a, b in zip(geometry.planes(), other.planes(), strict=True)]
-    return all(alike) and order_is_kept(_faces(geometry), _faces(other))
-
-
-def _faces(geometry: Moulded) -> tuple[Box, ...]:
-    height = (geometry.line_height, geometry.line_height)
-    plane: Box = ((0.0, 0.0), (0.0, 0.0), height)
-    return (geometry.outer, plane, *geometry.slab, *geometry.cavities, *geometry.voids)
+    faces = []
+    for one in (geometry, other):
+        plane: Box = ((0.0, 0.0), (0.0, 0.0), (one.line_height, one.line_height))
+        faces.append((one.outer, plane, *one.slab, *one.cavities, *one.voids))
+    return all(alike) and order_is_kept(*faces)
 
 
 def geometry_of_record(record: Mapping[str, Any]) -> Moulded:

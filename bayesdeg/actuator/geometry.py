@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,8 @@ class Geometry:
     wall_factor: float = 1.0
     erosion: float = 0.0
     constraint: Constraint = field(default_factory=Constraint)
+    rounded: ClassVar[None] = None
+    is_boxes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Refuse impossible dimensions."""
@@ -209,11 +211,6 @@ class Geometry:
         return self.slots
 
     @property
-    def rounded(self) -> None:
-        """None: its section is made of rectangles."""
-        return
-
-    @property
     def slab(self) -> tuple[Box, ...]:
         """The box of a constraint layer of elastomer, if it is one [mm]."""
         return slab_of(self.constraint, self.dimensions, self.outer)
@@ -229,11 +226,6 @@ class Geometry:
         3636.0
         """
         return 2.0 * volume_without(self.planes(), (*self.cavities, *self.slots))
-
-    @property
-    def is_boxes(self) -> bool:
-        """Whether it is a block minus boxes: yes."""
-        return True
 
     def mesh_like(self, usual: Resolution) -> Resolution:
         """Return a mesh resolution scaled from the default pneunet."""

@@ -227,36 +227,6 @@ def material_groups(inputs: Inputs) -> dict[str, Floats]:
     return groups | given
 
 
-NEUTRAL = {
-    "second_invariant": 0.0,
-    "skin": 0.0,
-    "paper_slack": 0.0,
-    "paper_mismatch": 0.0,
-    "weight_along": 0.0,
-    "weight_up": 0.0,
-    "wall_factor": 1.0,
-    "erosion": 0.0,
-}
-
-
-def departs(inputs: Inputs) -> NDArray[np.bool_]:
-    """Return where an optional input is not neutral: maps without it must refuse.
-
-    Examples
-    --------
-    >>> one = np.ones(2)
-    >>> inputs = Inputs(one, one, one, one, one, one, skin=np.array([0.0, 0.3]))
-    >>> departs(inputs).tolist()
-    [False, True]
-    """
-    away = np.zeros((), dtype=bool)
-    for name, neutral in NEUTRAL.items():
-        value = getattr(inputs, name)
-        if value is not None:
-            away = away | (np.asarray(value) != neutral)
-    return away
-
-
 def gravity_direction(mount: str) -> tuple[float, float]:
     """Return the components along and up of a unit weight for a mount of the contract.
 
@@ -288,6 +258,16 @@ def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
     assert inputs.reference_pressure is not None
     plain = forward(replace(inputs, reference_pressure=None))
     zero = forward(replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None))
+    excess: Floats | None = None
+    if plain.excess is not None and zero.excess is not None:
+        excess = np.hypot(plain.excess, zero.excess)
+    further, before = plain.further, zero.further
+    if further is not None and before is not None:
+        further = Further(
+            further.value - before.value,
+            further.slope - before.slope,
+            _difference_sd(further.sd, before.sd),
+        )
     return replace(
         plain,
         curvature=plain.curvature - zero.curvature,
@@ -296,24 +276,9 @@ def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
         sd=_difference_sd(plain.sd, zero.sd),
         bend_angle_sd=_difference_sd(plain.bend_angle_sd, zero.bend_angle_sd),
         status=np.maximum(plain.status, zero.status),
-        excess=_either(plain.excess, zero.excess),
-        further=_further_difference(plain.further, zero.further),
+        excess=excess,
+        further=further,
     )
-
-
-def _further_difference(plain: Further | None, zero: Further | None) -> Further | None:
-    if plain is None or zero is None:
-        return None
-    return Further(
-        plain.value - zero.value, plain.slope - zero.slope, _difference_sd(plain.sd, zero.sd)
-    )
-
-
-def _either(excess: Floats | None, reference: Floats | None) -> Floats | None:
-    if excess is None or reference is None:
-        return None
-    both: Floats = np.hypot(excess, reference)
-    return both
 
 
 def _difference_sd(sd: Floats, reference_sd: Floats) -> Floats:

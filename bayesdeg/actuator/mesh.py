@@ -1,6 +1,5 @@
 """Build a half model with named boundaries from a geometry or a user's mesh, with scikit-fem."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -104,22 +103,31 @@ def build_mesh(
     body, unbent = _bricks(geometry, grids, resolution, element)
     faces = boundary_faces(body)
     middles = body.nodes[faces].mean(axis=1)
+    pressed = _inside_any(middles, geometry.cavities) & ~np.isclose(middles[:, 1], 0.0)
+    paper = faces[:0]
+    if geometry.constraint.is_membrane:
+        paper = grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
+    layer = None
+    if geometry.slab:
+        layer = _inside_any(body.nodes[body.elements].mean(axis=1), geometry.slab)
     end = np.isclose(middles[:, 0], geometry.outer[0][1])
     nodes = body.nodes
     fixed = np.repeat(np.isclose(nodes[:, :1], 0.0), 3, axis=1)
-    fixed[:, 1] |= np.isclose(nodes[:, 1], 0.0)
+    on_symmetry = np.isclose(nodes[:, 1], 0.0)
+    fixed[:, 1] |= on_symmetry
+    on_line = np.flatnonzero(on_symmetry & np.isclose(nodes[:, 2], geometry.line_height))
     return ActuatorMesh(
         geometry=geometry,
         body=replace(
             body,
-            cavity=faces[_on_cavity(middles, geometry)],
-            paper=_layer(body, geometry),
+            cavity=faces[pressed],
+            paper=paper,
             fixed=fixed,
             depth=_depth(body, geometry),
-            layer=_slab(body, geometry),
+            layer=layer,
         ),
         free_end=grid_order(nodes, faces[end]) if unbent is None else faces[end],
-        bottom_line=_line(nodes, geometry.line_height),
+        bottom_line=on_line[np.argsort(nodes[on_line, 0])],
         unbent=unbent,
     )
 
@@ -171,19 +179,7 @@ def _bricks(
 
 
 def _ringed(core: MeshHex, grids: list[Floats], section: RoundSection, size: float) -> MeshHex:
-    """Return bricks of a core and of the ring around it, before bending.
-
-    Parameters
-    ----------
-    core : MeshHex
-        Core mesh without its cavities.
-    grids : list of array
-        Brick planes along x, y and z [mm].
-    section : RoundSection
-        Section with the core.
-    size : float
-        Largest thickness of a brick of the ring [mm].
-    """
+    """Return bricks of a core and of the ring around it, at most ``size`` thick, before bending."""
     x, y, z = grids
     a, b = section.core
     edge = np.concatenate(
@@ -198,14 +194,9 @@ def _ringed(core: MeshHex, grids: list[Floats], section: RoundSection, size: flo
     ring = MeshHex.init_tensor(x, rings, np.arange(len(edge), dtype=np.float64))
     along, distance, place = ring.p
     at = edge[np.rint(place).astype(np.int64)]
-    points = np.stack([along, distance * at[:, 0], section.axis + distance * at[:, 1]])
-    return _joined([(core.p, core.t), (points, ring.t)])
-
-
-def _joined(parts: Sequence[tuple[Floats, NDArray[np.int64]]]) -> MeshHex:
-    points = np.hstack([p for p, _ in parts])
-    firsts = np.cumsum([0, *(p.shape[1] for p, _ in parts[:-1])])
-    bricks = np.hstack([t + first for first, (_, t) in zip(firsts, parts, strict=True)])
+    around = np.stack([along, distance * at[:, 0], section.axis + distance * at[:, 1]])
+    points = np.hstack([core.p, around])
+    bricks = np.hstack([core.t, ring.t + core.p.shape[1]])
     _, kept, which = np.unique(
         points.round(TOGETHER) + 0.0, axis=1, return_index=True, return_inverse=True
     )
@@ -213,14 +204,7 @@ def _joined(parts: Sequence[tuple[Floats, NDArray[np.int64]]]) -> MeshHex:
 
 
 def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> ActuatorMesh:
-    """Return the mesh with changed walls and eroded faces, by moving the same bricks.
-
-    Parameters
-    ----------
-    mesh : ActuatorMesh
-        Mesh of the nominal geometry.
-    wall_factor, erosion : float
-        As in ``Moulded.changed`` [–, mm].
+    """Return the mesh with changed walls and eroded faces, by moving the same bricks [–, mm].
 
     Raises
     ------
@@ -236,14 +220,7 @@ def reshaped(mesh: ActuatorMesh, *, wall_factor: float, erosion: float) -> Actua
 def moved_onto(mesh: ActuatorMesh, geometry: Moulded) -> ActuatorMesh:
     """Return a mesh with bricks moved onto a different actuator of the same family.
 
-    The discretisation error is then nearly the same in two similar actuators.
-
-    Parameters
-    ----------
-    mesh : ActuatorMesh
-        Mesh of an actuator made of boxes.
-    geometry : Moulded
-        An actuator whose faces are in the same order.
+    The discretisation error is then nearly the same in two similar actuators made of boxes.
 
     Raises
     ------
@@ -289,20 +266,6 @@ def _depth(body: Body, geometry: Moulded) -> Floats:
         outside = np.maximum(np.maximum(low - points, points - high), 0.0)
         depth = np.minimum(depth, np.linalg.norm(outside, axis=-1))
     return np.maximum(depth, 0.0)
-
-
-def _layer(body: Body, geometry: Moulded) -> Indices:
-    """Return the nodes of faces covered by a membrane, as grids over x and y."""
-    if not geometry.constraint.is_membrane:
-        return np.empty((0, body.element.sides.shape[1]), dtype=np.int64)
-    return grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
-
-
-def _slab(body: Body, geometry: Moulded) -> NDArray[np.bool_] | None:
-    """Return the bricks of an elastomer constraint layer; None without one."""
-    if not geometry.slab:
-        return None
-    return _inside_any(body.nodes[body.elements].mean(axis=1), geometry.slab)
 
 
 def _divide(planes: Floats, size: float, grading: float) -> Floats:
@@ -353,11 +316,6 @@ def _inside_any(
     return inside
 
 
-def _on_cavity(middles: Floats, geometry: Moulded) -> NDArray[np.bool_]:
-    on_symmetry = np.isclose(middles[:, 1], 0.0)
-    return _inside_any(middles, geometry.cavities) & ~on_symmetry
-
-
 def grid_order(nodes: Floats, faces: Indices) -> Indices:
     """Return the nodes of plane faces as grids over their two tangent axes, x before y before z."""
     ordered = np.empty_like(faces)
@@ -367,11 +325,6 @@ def grid_order(nodes: Floats, faces: Indices) -> Indices:
         keys = [levels_of(position[:, axis])[1] for axis in (second, first)]
         ordered[row] = face[np.lexsort(keys)]
     return ordered
-
-
-def _line(nodes: Floats, height: float) -> Indices:
-    on_line = np.flatnonzero(np.isclose(nodes[:, 1], 0.0) & np.isclose(nodes[:, 2], height))
-    return on_line[np.argsort(nodes[on_line, 0])]
 
 
 def _of_part(geometry: PartGeometry, element: Element) -> ActuatorMesh:
@@ -388,7 +341,12 @@ def _of_part(geometry: PartGeometry, element: Element) -> ActuatorMesh:
     if part.is_tetrahedral:
         body = tetrahedra_of(part.points, part.cells)
     else:
-        body = body_of(_brick_mesh(part), element)
+        # scikit-fem's bricks are left-handed where the file's are right-handed
+        places = np.asarray(ElementHex1().doflocs)
+        mirrored = np.column_stack([1.0 - places[:, 0], places[:, 1:]])
+        order = [int(np.flatnonzero((place == CORNERS).all(axis=1))[0]) for place in mirrored]
+        bricks = MeshHex(part.points.T.copy(), part.cells[:, order].T.copy())
+        body = body_of(bricks, element)
     faces = boundary_faces(body)
     corners = _corners_of(body, faces, part)
     on = {name: np.isin(corners, _keys(sides)) for name, sides in part.sides.items()}
@@ -398,20 +356,14 @@ def _of_part(geometry: PartGeometry, element: Element) -> ActuatorMesh:
         fixed[np.unique(faces[on["symmetry"]]), 1] = True
     paper = faces[:0]
     if geometry.constraint.is_membrane and "constraint" in part.sides:
-        paper = _constraint_faces(body, part, geometry.line_height)
+        # the faces of the constraint may lie between two cells
+        paper = faces_on_plane(body, geometry.line_height)
+        paper = paper[np.isin(_corners_of(body, paper, part), _keys(part.sides["constraint"]))]
         paper = paper if part.is_tetrahedral else grid_order(body.nodes, paper)
     whole = replace(body, cavity=faces[on["cavity"]], paper=paper, fixed=fixed)
     line = _line_of_part(whole, part, geometry.line_height)
     share = 1.0 if part.is_half else 0.5
     return ActuatorMesh(geometry, whole, faces[on["tip"]], line, share)
-
-
-def _brick_mesh(part: PartMesh) -> MeshHex:
-    """Return scikit-fem's mesh; its bricks are left-handed where the file's are right-handed."""
-    places = np.asarray(ElementHex1().doflocs)
-    mirrored = np.column_stack([1.0 - places[:, 0], places[:, 1:]])
-    order = [int(np.flatnonzero((place == CORNERS).all(axis=1))[0]) for place in mirrored]
-    return MeshHex(part.points.T.copy(), part.cells[:, order].T.copy())
 
 
 def _keys(sides: Indices) -> NDArray[np.str_]:
@@ -424,12 +376,6 @@ def _corners_of(body: Body, faces: Indices, part: PartMesh) -> NDArray[np.str_]:
     place = np.full(len(body.nodes), -1)
     place[: len(part.points)] = np.arange(len(part.points))
     return _keys(place[at])
-
-
-def _constraint_faces(body: Body, part: PartMesh, height: float) -> Indices:
-    """Return the faces of the constraint, which may lie between two cells."""
-    faces = faces_on_plane(body, height)
-    return faces[np.isin(_corners_of(body, faces, part), _keys(part.sides["constraint"]))]
 
 
 def _line_of_part(body: Body, part: PartMesh, height: float) -> Indices:

@@ -13,6 +13,8 @@ Floats = NDArray[np.float64]
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 Planes = tuple[Floats, Floats, Floats]
 
+CLOSEST = 1e-9  # mm: closer planes are one
+
 
 class Moulded(Protocol):
     """The half actuator as moulded, cut at its plane of symmetry y = 0: a block minus boxes.
@@ -152,11 +154,12 @@ def planes_of(outer: Box, boxes: tuple[Box, ...], line_height: float) -> Planes:
     >>> [axis.tolist() for axis in planes_of(((0, 3), (0, 1), (0, 3)), (box,), 0.0)]
     [[0.0, 1.0, 2.0, 3.0], [0.0, 0.5, 1.0], [0.0, 1.0, 2.0, 3.0]]
     """
-    also = ((), (), (line_height,))
-    x, y, z = (
-        _distinct([*outer[axis], *also[axis], *(edge for box in boxes for edge in box[axis])])
-        for axis in range(3)
-    )
+    found = []
+    for axis, also in enumerate(((), (), (line_height,))):
+        edges = [*outer[axis], *also, *(edge for box in boxes for edge in box[axis])]
+        ordered = np.sort(np.asarray(edges, dtype=np.float64))
+        found.append(ordered[np.concatenate([[True], np.diff(ordered) > CLOSEST])])
+    x, y, z = found
     return x, y, z
 
 
@@ -200,9 +203,3 @@ def volume_without(planes: Planes, boxes: tuple[Box, ...]) -> float:
         inside = [(a < m) & (m < b) for m, (a, b) in zip(middles, box, strict=True)]
         solid &= ~np.logical_and.reduce(inside)
     return float(sizes[solid].sum())
-
-
-def _distinct(values: list[float], tolerance: float = 1e-9) -> Floats:
-    ordered = np.sort(np.asarray(values, dtype=np.float64))
-    distinct: Floats = ordered[np.concatenate([[True], np.diff(ordered) > tolerance])]
-    return distinct

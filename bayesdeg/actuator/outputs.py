@@ -41,11 +41,7 @@ class Stretches:
 
 def principal_stretch(body: Body, state: MechanicalState) -> Stretches:
     """Return the largest principal stretch and its derivative at every quadrature point."""
-    return _largest(deformation_gradients(body, state.displacement))
-
-
-def _largest(f: Floats) -> Stretches:
-    """Return the largest stretch of F, (n_elements, n_points, 3, 3), which is overwritten."""
+    f = deformation_gradients(body, state.displacement)
     value = np.empty(f.shape[:2])
     largest_stretch(f, value)
     return Stretches(value, f)
@@ -391,33 +387,13 @@ _SMALLEST_STRAIN = 1e-12  # rounding of a stretch at rest
 def weibull_strain(stretch: Floats, weights: Floats, modulus: float) -> tuple[float, Floats]:
     """Return (1/V ∫ ε^m dV)^(1/m), ε = λ − 1, and its derivative by the stretch of every point.
 
-    V times its m-th power is ``weibull_integral``; as a strain it does not vanish for large m.
+    With strengths that follow Weibull's law, the probability that a volume survives is
+    exp(−∫ (ε/ε₀)^m dV/V₀); doi:10.1115/1.4010337. It converges with the mesh as long as m times
+    the order of the strain's singularity at sharp corners stays below 2.
     """
     strains = RelativeStrains.of(stretch, weights)
     value = strains.weibull(modulus)
     return value, strains.slope(modulus, value)
-
-
-def weibull_integral(stretch: Floats, weights: Floats, modulus: float) -> float:
-    """Return ∫ ε^m dV, ε = λ − 1 the largest principal strain [mm³].
-
-    With strengths that follow Weibull's law, the probability that a volume survives is
-    exp(−∫ (ε/ε₀)^m dV/V₀); doi:10.1115/1.4010337. It converges with the mesh as long as m times
-    the order of the strain's singularity at sharp corners stays below 2.
-
-    Parameters
-    ----------
-    stretch, weights : array
-        Largest principal stretch and volume of every quadrature point [–, mm³].
-    modulus : float
-        m [–].
-
-    Examples
-    --------
-    >>> round(weibull_integral(np.array([1.5, 1.0]), np.array([2.0, 3.0]), 2.0), 12)
-    0.5
-    """
-    return float(np.sum(weights * np.maximum(stretch - 1.0, 0.0) ** modulus))
 
 
 @dataclass(frozen=True)
@@ -530,7 +506,10 @@ def read_state(
     lines = _line_readings(mesh, mesh.body.nodes + state.displacement, previous_angle)
     angle_to_volume = [value for value, _ in lines]
     if rate is None:
-        values = np.array([*angle_to_volume, *_strain_values(mesh.body, state)])
+        fields = StrainFields.of(mesh.body, state)
+        peak, energy, difference = (reading.value for reading in fields.quantiles())
+        weakest = [fields.relative.weibull(m) for m in WEIBULL_MODULI]
+        values = np.array([*angle_to_volume, peak, *weakest, energy, difference])
         return Reading(values, np.zeros_like(values))
     strains = _strain_readings(mesh.body, state)
     values = np.array([*angle_to_volume, *(strain.value for strain in strains)])
@@ -563,10 +542,29 @@ def _line_readings(
     mesh: ActuatorMesh, placed: Floats, previous_angle: float
 ) -> list[tuple[float, Floats]]:
     """Return angle, arc length and volume, with their gradients by nodal positions."""
+    body, line = mesh.body, mesh.bottom_line
+    order = body.element.order
+    points, weights = kernels.gauss(order)
+    _, derivatives = kernels.line_shapes(order, points)
+    nodes = np.stack([line[i : len(line) - order + i : order] for i in range(order + 1)], axis=1)
+    tangent = np.einsum("qa,eai->eqi", derivatives, placed[nodes])
+    speed = np.linalg.norm(tangent, axis=2)
+    along, swelling = np.zeros_like(placed), np.zeros_like(placed)
+    pull = np.einsum("q,qa,eqi->eai", weights, derivatives, tangent / speed[..., None])
+    np.add.at(along, nodes, pull)
+    volume = kernels.cavity_volume(
+        placed,
+        body.cavity,
+        kernels.volume_form(order, triangle=body.element.triangular),
+        1.0,
+        swelling,
+        np.empty((0, 0, 0), dtype=np.int32),
+        np.empty(0),
+    )
     return [
-        face_rotation(mesh.body, mesh.free_end, placed, previous_angle),
-        _arc_length(mesh, placed),
-        _cavity_volume(mesh, placed),
+        face_rotation(body, mesh.free_end, placed, previous_angle),
+        (float(np.sum(speed @ weights)), along),
+        (mesh.share * volume, mesh.share * swelling),
     ]
 
 
@@ -577,27 +575,12 @@ def _strain_readings(
     fields = StrainFields.of(body, state)
     every = np.arange(len(body.elements))
     peak, energy, difference = fields.quantiles(is_smooth=is_smooth)
-    whole = [(m, fields.relative.weibull(m)) for m in WEIBULL_MODULI]
-    return [
-        peak,
-        *(
-            StrainReading(
-                value,
-                every,
-                fields.relative.slope(m, value)[..., None, None] * fields.largest.slope,
-            )
-            for m, value in whole
-        ),
-        energy,
-        difference,
-    ]
-
-
-def _strain_values(body: Body, state: MechanicalState) -> list[float]:
-    """Return measures of stretch only, in the order of ``OUTPUTS``."""
-    fields = StrainFields.of(body, state)
-    peak, energy, difference = (reading.value for reading in fields.quantiles())
-    return [peak, *(fields.relative.weibull(m) for m in WEIBULL_MODULI), energy, difference]
+    weakest = []
+    for modulus in WEIBULL_MODULI:
+        value = fields.relative.weibull(modulus)
+        slope = fields.relative.slope(modulus, value)[..., None, None] * fields.largest.slope
+        weakest.append(StrainReading(value, every, slope))
+    return [peak, *weakest, energy, difference]
 
 
 @dataclass(frozen=True)
@@ -713,30 +696,3 @@ def face_rotation(
     gradient[:, 0], gradient[:, 2] = cosine / square * moments, -sine / square * moments
     angle = float(np.arctan2(sine, cosine))
     return angle + 2.0 * np.pi * round((previous - angle) / (2.0 * np.pi)), gradient
-
-
-def _arc_length(mesh: ActuatorMesh, placed: Floats) -> tuple[float, Floats]:
-    order, line = mesh.body.element.order, mesh.bottom_line
-    points, weights = kernels.gauss(order)
-    _, derivatives = kernels.line_shapes(order, points)
-    nodes = np.stack([line[i : len(line) - order + i : order] for i in range(order + 1)], axis=1)
-    tangent = np.einsum("qa,eai->eqi", derivatives, placed[nodes])
-    speed = np.linalg.norm(tangent, axis=2)
-    gradient = np.zeros_like(placed)
-    pull = np.einsum("q,qa,eqi->eai", weights, derivatives, tangent / speed[..., None])
-    np.add.at(gradient, nodes, pull)
-    return float(np.sum(speed @ weights)), gradient
-
-
-def _cavity_volume(mesh: ActuatorMesh, placed: Floats) -> tuple[float, Floats]:
-    body, gradient = mesh.body, np.zeros_like(placed)
-    volume = kernels.cavity_volume(
-        placed,
-        body.cavity,
-        kernels.volume_form(body.element.order, triangle=body.element.triangular),
-        1.0,
-        gradient,
-        np.empty((0, 0, 0), dtype=np.int32),
-        np.empty(0),
-    )
-    return mesh.share * volume, mesh.share * gradient

@@ -138,11 +138,6 @@ class System:
         return field.reshape(-1, 3)
 
 
-def _degrees(nodes: Indices) -> Indices:
-    """Degrees of freedom of elements, component by component."""
-    return (3 * nodes[:, None, :] + np.arange(3)[:, None]).reshape(len(nodes), -1)
-
-
 def stored_pairs(n_local: int) -> tuple[Indices, Indices]:
     """Rows and columns of an element's upper triangle in the order of ``scatter_upper``."""
     rows, columns = [], []
@@ -165,7 +160,9 @@ def _pattern(
 ) -> tuple[sp.csr_array, Places, tuple[Places, Floats]]:
     """Return the upper triangle's pattern, and positions of element and bending entries in it."""
     count = int(equation.max()) + 1
-    local = equation[_degrees(elements)]
+    # degrees of freedom of elements, component by component
+    degrees = 3 * elements[:, None, :] + np.arange(3)[:, None]
+    local = equation[degrees.reshape(len(elements), -1)]
     first, second = stored_pairs(elements.shape[1])
     one, other = local[:, first], local[:, second]
     stored = (one >= 0) & (other >= 0)
@@ -173,18 +170,12 @@ def _pattern(
     kept = _kept(bending, equation)
     extra = equation[bending.coords[0][kept]] * count + equation[bending.coords[1][kept]]
     every, inverse = np.unique(np.concatenate([keys, extra]), return_inverse=True)
-    upper = _from_keys(every, count)
+    pointers = np.searchsorted(every // count, np.arange(count + 1))
+    places = (every % count).astype(np.int32), pointers.astype(np.int32)
+    upper = sp.csr_array((np.zeros(len(every)), *places), shape=(count, count))
     at = np.full(stored.shape, -1, dtype=np.int32)
     at[stored] = inverse[: len(keys)]
     return upper, at, (inverse[len(keys) :].astype(np.int32), bending.data[kept])
-
-
-def _from_keys(keys: Indices, count: int) -> sp.csr_array:
-    pointers = np.searchsorted(keys // count, np.arange(count + 1))
-    return sp.csr_array(
-        (np.zeros(len(keys)), (keys % count).astype(np.int32), pointers.astype(np.int32)),
-        shape=(count, count),
-    )
 
 
 def _positions(equation: Indices, faces: Indices, upper: sp.csr_array) -> Places:
@@ -438,7 +429,18 @@ class Problem:
         self, state: MechanicalState, directions: Sequence[MechanicalState], forces: Floats
     ) -> None:
         along = np.stack([d.displacement for d in directions], axis=-1)
-        for faces, tangents in self._surface_tangents(state):
+        body, spare = self.system.body, np.zeros_like(self.system.body.nodes)
+        placed = body.nodes + state.displacement
+        at, data = _own_entries(body.cavity)
+        kernels.cavity_volume(placed, body.cavity, self._form, -state.load, spare, at, data)
+        surfaces = [(body.cavity, data.reshape(at.shape))]
+        if self.material.paper_group > 0.0:
+            at, data = _own_entries(body.paper)
+            paper.membrane(
+                placed, body.nodes, body.paper, *self.face, self.paper_law, spare, at, data
+            )
+            surfaces.append((body.paper, data.reshape(at.shape)))
+        for faces, tangents in surfaces:
             local = along[faces].reshape(*tangents.shape[:2], len(directions))
             pushes = (tangents @ local).reshape(*faces.shape, 3, len(directions))
             kernels.add_rows(faces, pushes, forces)
@@ -448,21 +450,6 @@ class Problem:
         pressed = np.array([d.load for d in directions])
         if np.any(pressed != 0.0):
             forces -= pressed[:, None, None] * self.cavity_gradient(state)
-
-    def _surface_tangents(self, state: MechanicalState) -> list[tuple[Indices, Floats]]:
-        """Return the faces' nodes and their own tangents, (n_faces, 3 n, 3 n), cavity first."""
-        body, spare = self.system.body, np.zeros_like(self.system.body.nodes)
-        placed = body.nodes + state.displacement
-        at, tangents = _own_entries(body.cavity)
-        kernels.cavity_volume(placed, body.cavity, self._form, -state.load, spare, at, tangents)
-        found = [(body.cavity, tangents.reshape(at.shape))]
-        if self.material.paper_group > 0.0:
-            at, tangents = _own_entries(body.paper)
-            paper.membrane(
-                placed, body.nodes, body.paper, *self.face, self.paper_law, spare, at, tangents
-            )
-            found.append((body.paper, tangents.reshape(at.shape)))
-        return found
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
         """Return a residual on the free unknowns, its volume equation eliminated.

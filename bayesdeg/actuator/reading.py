@@ -203,7 +203,10 @@ def line_of_reading(
     """
     turned = abs(angle)
     for _ in range(_TRIES):
-        line = _line_turned(turned, length, paper_group)
+        terms = _shape_terms(np.array([turned]), np.array([paper_group]))
+        headings = turned * (terms @ _shape_coefficients())[0]
+        steps = length / len(headings) * np.column_stack([np.cos(headings), -np.sin(headings)])
+        line = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
         read = read_shape(line, operator, points).angle
         if read <= 0.0 or abs(read - abs(angle)) < _CLOSE:
             break
@@ -212,14 +215,6 @@ def line_of_reading(
 
 
 _TRIES, _CLOSE = 30, 1e-6
-
-
-def _line_turned(turned: float, length: float, paper_group: float) -> Floats:
-    """Return a line whose end face is rotated by ``turned`` [rad]."""
-    terms = _shape_terms(np.array([turned]), np.array([paper_group]))
-    headings = turned * (terms @ _shape_coefficients())[0]
-    steps = length / len(headings) * np.column_stack([np.cos(headings), -np.sin(headings)])
-    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
 def _shape_terms(angle: Floats, paper_group: Floats) -> Floats:
@@ -269,21 +264,17 @@ class ReadByOperator:
         group = dimensionless(inputs)[3]
         gain, change = ratio(angle, group)
         if self.with_angle:
-            found = self._angle_read(found, angle, group)
+            of_angle = operator_ratio(self.operator, self.points, of_angle=True)
+            larger, _ = of_angle(angle, group)
+            error = np.hypot(found.bend_angle_sd, of_angle.sd * found.bend_angle)
+            found = replace(
+                found, bend_angle=larger * found.bend_angle, bend_angle_sd=larger * error
+            )
         return replace(
             found,
             curvature=gain * found.curvature,
             slope=(gain + change * angle) * found.slope,
             sd=gain * np.hypot(found.sd, ratio.sd * found.curvature),
-        )
-
-    def _angle_read(self, found: Prediction, angle: Floats, group: Floats) -> Prediction:
-        ratio = operator_ratio(self.operator, self.points, of_angle=True)
-        gain, _ = ratio(angle, group)
-        return replace(
-            found,
-            bend_angle=gain * found.bend_angle,
-            bend_angle_sd=gain * np.hypot(found.bend_angle_sd, ratio.sd * found.bend_angle),
         )
 
     def continued(self, inputs: Inputs) -> Prediction:

@@ -24,12 +24,7 @@ class Core(NamedTuple):
 
 
 def core_of(d: CylindricalDimensions) -> Core:
-    """Return the core of a round section.
-
-    Parameters
-    ----------
-    d : CylindricalDimensions
-        Dimensions as moulded; channels lie inside the ellipse.
+    """Return the core of a round section whose channels lie inside the ellipse.
 
     Examples
     --------
@@ -114,7 +109,14 @@ class RoundSection:
         size = np.maximum(y / self.core.across, np.abs(z) / self.core.up)
         ring = size > 1.0
         edge_y, edge_z = y[ring] / size[ring], z[ring] / size[ring]
-        angle = self._angle(edge_y, edge_z)
+        # the ellipse's parameter of points of the core's edge [rad]
+        corner = atan2(self.core.up / self.half_height, self.core.across / self.half_width)
+        at = np.array([-self.core.up, *self.levels, self.core.up])
+        levels = (np.arcsin(level / self.half_height) for level in self.levels)
+        beside = np.interp(edge_z, at, np.array([-corner, *levels, corner]))
+        turned = 0.5 * pi - (0.5 * pi - corner) * edge_y / self.core.across
+        is_over = np.abs(edge_z) / self.core.up > edge_y / self.core.across
+        angle = np.where(is_over, np.sign(edge_z) * turned, beside)
         share = size[ring] - 1.0
         out = nodes.copy()
         outer_y = self.half_width * np.sin(0.5 * pi - np.abs(angle))
@@ -122,18 +124,6 @@ class RoundSection:
         out[ring, 1] = (1.0 - share) * edge_y + share * np.where(edge_y > 0.0, outer_y, 0.0)
         out[ring, 2] = self.axis + (1.0 - share) * edge_z + share * outer_z
         return out
-
-    def _angle(self, y: Floats, z: Floats) -> Floats:
-        """Return the ellipse's parameter of points of the core's edge [rad]."""
-        a, b = self.half_width, self.half_height
-        corner = atan2(self.core.up / b, self.core.across / a)
-        at = np.array([-self.core.up, *self.levels, self.core.up])
-        known = np.array([-corner, *(np.arcsin(level / b) for level in self.levels), corner])
-        beside = np.interp(z, at, known)
-        over = np.sign(z) * (0.5 * pi - (0.5 * pi - corner) * y / self.core.across)
-        is_over = np.abs(z) / self.core.up > y / self.core.across
-        angle: Floats = np.where(is_over, over, beside)
-        return angle
 
     def depth(self, points: Floats) -> Floats:
         """Return the distance of points (…, 3) from the outline, to first order [mm].

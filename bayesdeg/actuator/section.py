@@ -61,14 +61,7 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     """Draw the section along the middle of an actuator, the clamped end on the left.
 
     Material is ``#``, air under pressure blank, other air ``o``, the constraint layer ``=``; for a
-    meshed part all air is blank.
-
-    Parameters
-    ----------
-    geometry : Moulded
-        Of any family.
-    columns : int
-        Number of characters for the length.
+    meshed part all air is blank. There are ``columns`` characters for the length.
 
     Examples
     --------
@@ -142,14 +135,8 @@ def _in_tetrahedron(corners: Floats, x: Floats, y: float, z: Floats) -> Bools:
 def across(geometry: Moulded, columns: int = ACROSS) -> str:
     """Draw the section across the middle of an actuator's length, seen along it.
 
-    Like `section`; the outside of a round outline is ``-``.
-
-    Parameters
-    ----------
-    geometry : Moulded
-        Of any family.
-    columns : int
-        Number of characters for the width.
+    Like `section`; the outside of a round outline is ``-``. There are ``columns`` characters for
+    the width.
 
     Examples
     --------

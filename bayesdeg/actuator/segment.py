@@ -5,7 +5,7 @@ The families differ in their channels and in the elements that these require.
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -142,6 +142,8 @@ class SegmentGeometry:
     wall_factor: float = 1.0
     erosion: float = 0.0
     constraint: Constraint = field(default_factory=Constraint)
+    exposed: ClassVar[Boxes] = ()  # channels of the lower half open into a tube, not to the soil
+    is_boxes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Refuse impossible dimensions."""
@@ -225,11 +227,6 @@ class SegmentGeometry:
         return self.lower if self.dimensions.passive == "open" else ()
 
     @property
-    def exposed(self) -> Boxes:
-        """Empty: the channels of the lower half open into a tube, not to the soil."""
-        return ()
-
-    @property
     def slab(self) -> Boxes:
         """The box of a constraint layer of elastomer, if it is one [mm]."""
         return slab_of(self.constraint, self.dimensions, self.outer)
@@ -255,11 +252,6 @@ class SegmentGeometry:
             return 2.0 * volume_without(planes, channels)
         air = volume_without(planes, ()) - volume_without(planes, channels)
         return self.rounded.area * self.outer[0][1] - 2.0 * air
-
-    @property
-    def is_boxes(self) -> bool:
-        """Whether it is a block minus boxes: yes."""
-        return True
 
     def mesh_like(self, usual: Resolution) -> Resolution:
         """Return the resolution equivalent to one of the default pneunet."""

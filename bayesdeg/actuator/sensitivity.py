@@ -83,21 +83,8 @@ def variations(
 ) -> tuple[Variation | None, ...]:
     """Return the variations of ``SHAPE_INPUTS`` about a material's walls and erosion.
 
-    Parameters
-    ----------
-    nominal : ActuatorMesh
-        Mesh before walls and faces are moved.
-    system : System
-        Of the nominal mesh.
-    material : MaterialGroups
-        Material with the wall factor and erosion to vary.
-    layer : LayerGroups, optional
-        Constants of an elastomer constraint layer.
-
-    Returns
-    -------
-    tuple
-        None if the geometry does not allow an input to vary.
+    Mesh and system are those before walls and faces are moved. None if the geometry does not allow
+    an input to vary.
     """
     at = {"wall_factor": material.wall_factor, "erosion": material.erosion}
     here = reshaped(nominal, **at)
@@ -113,17 +100,14 @@ def variations(
         except GeometryError:
             found.append(None)
             continue
-        moved = _moved(here, other, share=STEP / towards[name])
+        # moved by a share of the way to the other mesh
+        share, body = STEP / towards[name], here.body
+        nodes = body.nodes + share * (other.body.nodes - body.nodes)
+        depth = body.depth + share * (other.body.depth - body.depth)
+        moved = replace(here, body=replace(body.placed_at(nodes), depth=depth))
         problem = Problem(system.with_body(moved.body), material, layer=layer)
         found.append(Variation(moved, problem))
     return tuple(found)
-
-
-def _moved(here: ActuatorMesh, other: ActuatorMesh, *, share: float) -> ActuatorMesh:
-    """Return the mesh moved by a share of the way to a second one."""
-    body = here.body.placed_at(here.body.nodes + share * (other.body.nodes - here.body.nodes))
-    depth = here.body.depth + share * (other.body.depth - here.body.depth)
-    return replace(here, body=replace(body, depth=depth))
 
 
 MATERIAL_INPUTS = (
@@ -332,7 +316,13 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
     """
     system, body, material = problem.system, problem.system.body, problem.material
     placed = body.nodes + state.displacement
-    solid = _constant_rates(problem, state)
+    bricks = np.ones(len(body.elements), dtype=bool)
+    by_layer = np.zeros_like(body.nodes)
+    if problem.layer is not None and body.layer is not None:
+        bricks = ~body.layer
+        relative = _rates_of(problem, state, body.layer, np.ones_like(body.weights))[3]
+        by_layer = relative / problem.layer.c1
+    solid = _rates_of(problem, state, bricks, skin_profile(body))
     membrane = np.zeros((3, len(body.nodes), 3))
     paper.membrane_rate(placed, body.nodes, body.paper, *problem.face, problem.paper_law, membrane)
     bend = (system.bending @ state.displacement.ravel()).reshape(-1, 3)
@@ -344,7 +334,7 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
         [
             -problem.cavity_gradient(state),
             *solid,
-            membrane[0] + plate * material.paper_thickness + _layer_rate(problem, state),
+            membrane[0] + plate * material.paper_thickness + by_layer,
             2.0 * plate * material.paper_group,
             membrane[1],
             problem.share * membrane[2],
@@ -352,24 +342,6 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
             up,
         ]
     )
-
-
-def _constant_rates(problem: Problem, state: MechanicalState) -> Floats:
-    """Return the rates by C2, C3, r and the skin of the body alone, (4, n_nodes, 3)."""
-    body = problem.system.body
-    bricks = np.ones(len(body.elements), dtype=bool)
-    if problem.layer is not None and body.layer is not None:
-        bricks = ~body.layer
-    return _rates_of(problem, state, bricks, skin_profile(body))
-
-
-def _layer_rate(problem: Problem, state: MechanicalState) -> Floats:
-    """Return the rate by the C1 of a layer of elastomer, all its constants in proportion."""
-    body, layer = problem.system.body, problem.layer
-    if layer is None or body.layer is None:
-        return np.zeros_like(body.nodes)
-    relative: Floats = _rates_of(problem, state, body.layer, np.ones_like(body.weights))[3]
-    return relative / layer.c1
 
 
 def _rates_of(

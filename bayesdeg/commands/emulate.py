@@ -11,12 +11,12 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import Backend
 from bayesdeg.console import output
 from bayesdeg.data.settings import FILE, Settings, parse_settings
+from bayesdeg.emulator.campaign import Campaign
 from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
-from bayesdeg.pipeline.emulation import Campaign
 from bayesdeg.pipeline.output import output_file
 
 
@@ -35,7 +35,11 @@ def emulate(
     if not timeout > 0.0:
         raise typer.BadParameter(f"--timeout {timeout:g} s is out of range; give more than 0")
     settings = _settings(geometry)
-    _refuse_uncertain(settings)
+    for one in settings.uncertain[:1]:
+        raise BayesdegError(
+            f"{one.name} is a prior, but an emulator of the whole range needs known dimensions; "
+            "'bayesdeg run STUDY' trains one for the study"
+        )
     actuator = geometry_of_study(settings)
     refuse_whole_range(actuator)
     options = training.TrainingOptions(yes=yes, quiet=quiet, backend=backend)
@@ -44,15 +48,6 @@ def emulate(
         campaign = Campaign(actuator, options.recipe, SolutionStore(store), executor, timeout)
         training.train(campaign, path, options)
     output().print(f"wrote {path}", soft_wrap=True)
-
-
-def _refuse_uncertain(settings: Settings) -> None:
-    """Refuse dimensions given as priors, whose range an emulator of the whole range lacks."""
-    for one in settings.uncertain[:1]:
-        raise BayesdegError(
-            f"{one.name} is a prior, but an emulator of the whole range needs known dimensions; "
-            "'bayesdeg run STUDY' trains one for the study"
-        )
 
 
 def _settings(path: Path | None) -> Settings:

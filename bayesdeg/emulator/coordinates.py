@@ -130,12 +130,7 @@ def coordinates(groups: Floats) -> Coordinates:
     points[:, 0] = scale * groups[:, 0] - 1.0
     jacobian[:, 0, 0] = scale
     jacobian[:, 0, 1:] = (scale * groups[:, 0])[:, None] * warp_gradient[:, 1:]
-    _enter_slack(groups, points, jacobian)
-    return Coordinates(points, warp, jacobian, warp_gradient)
-
-
-def _enter_slack(groups: Floats, points: Floats, jacobian: Floats) -> None:
-    """Replace the scaled slack by φ = s/(s + e q)."""
+    # φ = s/(s + e q) replaces the scaled slack
     load, slack, log_paper = groups[:, 0], groups[:, SLACK], groups[:, PAPER]
     give = paper_give(log_paper)
     strain = give * load
@@ -152,6 +147,7 @@ def _enter_slack(groups: Floats, points: Floats, jacobian: Floats) -> None:
     paper = np.exp(log_paper)
     jacobian[:, SLACK, 0] = by_strain * give
     jacobian[:, SLACK, PAPER] = by_strain * strain * (-paper / (paper + GIVE))
+    return Coordinates(points, warp, jacobian, warp_gradient)
 
 
 def inside(groups: Floats, span: TrainingRange) -> NDArray[np.bool_]:
@@ -205,14 +201,7 @@ class Batch:
     def of(cls, inputs: Inputs, span: TrainingRange, *, one_by_one: bool = False) -> Self:
         """Return a row for each curve, or for each point if materials change along the last axis.
 
-        Parameters
-        ----------
-        inputs : Inputs
-            Inputs with pressures along the last axis.
-        span : TrainingRange
-            Range of the emulator.
-        one_by_one : bool
-            Whether each point is always a separate row.
+        Pressures are along the last axis. With ``one_by_one`` each point is a separate row.
         """
         given = groups_of(inputs)
         load = given.pop(LOAD)
@@ -224,7 +213,14 @@ class Batch:
         groups[:] = _NEUTRAL[:, None]
         for name, value in given.items():
             groups[NAMES.index(name)] = np.broadcast_to(value, rows).ravel()
-        within = _within(groups, tuple(given), span)
+        if "paper_slack" in given:  # which also depends on the mismatch
+            within = np.asarray(np.all(inside(groups[1:].T, span), axis=1))
+        else:
+            within = np.ones(groups.shape[1], dtype=bool)
+            for k in (NAMES.index(name) for name in given):
+                room = ROOM * _WIDTH[k - 1]
+                within &= groups[k] >= span.lower[k - 1] - room
+                within &= groups[k] <= span.upper[k - 1] + room
         scaled, warp = _scaled(groups, within, tuple(given))
         columns = shape[-1] if curves and shape else 1
         loads = np.broadcast_to(load, shape).reshape(-1, columns)
@@ -288,18 +284,6 @@ class Batch:
         if not np.any(slack > 0.0):
             return slack, np.zeros_like(slack)
         return slack, paper_give(np.where(self.within, self.groups[PAPER], 0.0))
-
-
-def _within(groups: Floats, given: tuple[str, ...], span: TrainingRange) -> Flags:
-    """Return whether all given groups of each row lie in their ranges."""
-    if NAMES[SLACK] in given:  # which also depends on the mismatch
-        return np.asarray(np.all(inside(groups[1:].T, span), axis=1))
-    within = np.ones(groups.shape[1], dtype=bool)
-    for k in (NAMES.index(name) for name in given):
-        low, high = span.lower[k - 1], span.upper[k - 1]
-        room = ROOM * _WIDTH[k - 1]
-        within &= (groups[k] >= low - room) & (groups[k] <= high + room)
-    return within
 
 
 def _scaled(groups: Floats, within: Flags, given: tuple[str, ...]) -> tuple[Floats, Floats]:

@@ -183,10 +183,25 @@ class Change:
     growth: Floats
     variance: Floats
 
-    def sd(self, k: int, sd: Floats, value: Floats) -> Floats:
-        """Return the standard error of a changed output from that of the unchanged one."""
-        changed: Floats = self.factor[k] * np.sqrt(sd**2 + self.variance[k] * value**2)
-        return changed
+    def applied(self, values: Floats) -> Floats:
+        """Return curvature, bend angle, peak stretch, slope and three errors, all changed.
+
+        ``values``, shape (7, n_rows, n_columns), are those at the nominal dimensions.
+        """
+        curvature, angle, stretch, slope, *sds = values
+        sizes = (curvature, angle, stretch - 1.0)
+        changed = [size * factor for size, factor in zip(sizes, self.factor, strict=True)]
+        return np.stack(
+            [
+                *changed[:2],
+                1.0 + changed[2],
+                self.factor[0] * (slope + curvature * self.growth),
+                *(
+                    self.factor[k] * np.sqrt(sd**2 + self.variance[k] * size**2)
+                    for k, (sd, size) in enumerate(zip(sds, sizes, strict=True))
+                ),
+            ]
+        )
 
 
 @lru_cache(maxsize=16)

@@ -5,7 +5,7 @@ to the unmoved curve on the same mesh, at the same loads, hardly depends on the 
 coarse curves with derivatives determine it, and few fine ones correct it.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -26,7 +26,6 @@ from bayesdeg.emulator.regression import (
     Equations,
     Observed,
     Prior,
-    Regression,
     fit_scaled,
     reach,
     rows_of,
@@ -195,22 +194,6 @@ class _Part:
         return scales
 
 
-def _parts(count: int, highest: int) -> list[_Part]:
-    """Return the parts for a number of dimensions."""
-
-    def powers(at: Mapping[int, int]) -> tuple[int, ...]:
-        return tuple(at.get(k, 0) for k in range(count))
-
-    found = [
-        _Part(powers({k: power}), BY_POWER[power].orders)
-        for power in range(1, highest + 1)
-        for k in range(count)
-    ]
-    pairs = combinations(range(count), 2)
-    found += [_Part(powers({a: 1, b: 1}), OF_PAIRS.orders) for a, b in pairs]
-    return found + [_Part(powers({k: 1}), OF_FINE.orders, is_of_fine=True) for k in range(count)]
-
-
 Differences = Sequence[tuple[MovedCurve, Observed]]
 
 
@@ -255,50 +238,49 @@ def _fit_block(
     highest: int,
 ) -> _Fitted:
     """Fit some outputs with powers up to the highest, holding out each curve in turn."""
-    parts = _parts(len(found[0][0].away), highest)
+    count = len(found[0][0].away)
+    singles = [tuple(int(i == k) for i in range(count)) for k in range(count)]
+    parts = [
+        _Part(tuple(power * k for k in single), BY_POWER[power].orders)
+        for power in range(1, highest + 1)
+        for single in singles
+    ]
+    parts += [
+        _Part(tuple(a + b for a, b in zip(*pair, strict=True)), OF_PAIRS.orders)
+        for pair in combinations(singles, 2)
+    ]
+    parts += [_Part(single, OF_FINE.orders, is_of_fine=True) for single in singles]
     orders, scales = (np.concatenate([getattr(p, n) for p in parts]) for n in ("orders", "scales"))
-    equations = [_rows(one, run, parts, outputs, span, derivatives) for one, run in found]
+    equations = []
+    for one, run in found:
+        rows = [
+            rows_of(run, part.orders, outputs=list(outputs), span=span, derivatives=derivatives)
+            for part in parts
+        ]
+        columns = [
+            (0.0 if part.is_of_fine and not one.is_fine else part.size(one.away)) * each.matrix
+            for part, each in zip(parts, rows, strict=True)
+        ]
+        equations.append(Equations(np.hstack(columns), rows[-1].targets, rows[-1].n_values))
     best = fit_scaled(equations, orders, scales, noise=PRIOR.noise, outputs=len(outputs))
     curves = list(dict.fromkeys(one.curve for one, _ in found))
     left_out, of, weight = [], [], []
     for curve in curves:
         members = [k for k, (one, _) in enumerate(found) if one.curve == curve]
-        errors = _without(best, [equations[k] for k in members])
-        for k, error in zip(members, errors, strict=True):
-            weights = found[k][1].weights
+        matrices, targets = (
+            [getattr(equations[k], n) for k in members] for n in ("matrix", "targets")
+        )
+        coefficients = best.without(Equations(np.vstack(matrices), np.vstack(targets), 0))
+        for k in members:
+            one_run, weights = equations[k], found[k][1].weights
+            gap = one_run.targets - one_run.matrix @ coefficients.T
+            error = gap[: one_run.n_values]
             left_out.append(error / weights[:, None])
             of.append(np.full(len(error), k))
             weight.append(weights)
     return _Fitted(
         parts, best.coefficients, np.vstack(left_out), np.concatenate(of), np.concatenate(weight)
     )
-
-
-def _rows(
-    one: MovedCurve,
-    run: Observed,
-    parts: Sequence[_Part],
-    outputs: Sequence[int],
-    span: TrainingRange,
-    derivatives: bool,
-) -> Equations:
-    """Return the equations of a moved curve for all parts."""
-    columns = []
-    for part in parts:
-        size = 0.0 if part.is_of_fine and not one.is_fine else part.size(one.away)
-        rows = rows_of(run, part.orders, outputs=list(outputs), span=span, derivatives=derivatives)
-        columns.append(size * rows.matrix)
-    return Equations(np.hstack(columns), rows.targets, rows.n_values)
-
-
-def _without(best: Regression, runs: Sequence[Equations]) -> Iterator[Floats]:
-    """Yield the weighted errors of values of runs held out together."""
-    both = Equations(
-        np.vstack([run.matrix for run in runs]), np.vstack([run.targets for run in runs]), 0
-    )
-    coefficients = best.without(both)
-    for run in runs:
-        yield (run.targets - run.matrix @ coefficients.T)[: run.n_values]
 
 
 @dataclass(frozen=True)
@@ -398,14 +380,10 @@ def _errors(powers: Sequence[tuple[int, ...]], fitted: _Fitted, found: Differenc
                 missed = np.abs(fitted.left_out[of_mesh]) / size[of_mesh, None]
                 each = np.maximum(each, np.quantile(missed, INSIDE, axis=0) / wide)
         if len(acting) > 1:
-            firsts = [powers.index(_only(len(power), k)) for k in acting]
+            firsts = [powers.index(tuple(int(i == k) for i in range(len(power)))) for k in acting]
             each = np.sqrt(np.maximum(each**2 - np.sum(error[firsts] ** 2, axis=0), 0.0))
         error[p] = each
     return error
-
-
-def _only(count: int, k: int) -> tuple[int, ...]:
-    return tuple(int(i == k) for i in range(count))
 
 
 def _limits(
@@ -446,13 +424,6 @@ def load_shift(nominal: Observed, away: Observed) -> float:
 
     Where curves balloon this moves their end: they end when the effective load reaches that at the
     end of the unmoved curve. It is used where no curve was followed to its end.
-
-    Parameters
-    ----------
-    nominal : Observed
-        The unmoved curve.
-    away : Observed
-        Departure of the moved curve.
     """
     growth = 1.0 + nominal.load * nominal.gradients[:, 0, 0]
     at = float(np.interp(away.load[-1], nominal.load, growth))
@@ -482,7 +453,11 @@ def _facts(
             of_one = [sizes for away, sizes in worst[a:b] if away[d] != 0.0]
             for k in range(len(outputs)):
                 size = 100.0 * np.array([sizes[k] for sizes in of_one])
-                accuracy[names[at]] = _summary(size)
+                accuracy[names[at]] = {
+                    "rms_pct": float(np.sqrt(np.mean(size**2))),
+                    "p95_pct": float(np.quantile(size, 0.95)),
+                    "max_pct": float(np.max(size)),
+                }
                 at += 1
         facts[one.name] = {
             "median_mm": one.median,
@@ -493,11 +468,3 @@ def _facts(
             "accuracy": accuracy,
         }
     return facts
-
-
-def _summary(size: Floats) -> dict[str, float]:
-    return {
-        "rms_pct": float(np.sqrt(np.mean(size**2))),
-        "p95_pct": float(np.quantile(size, 0.95)),
-        "max_pct": float(np.max(size)),
-    }

@@ -1,26 +1,17 @@
-"""Choose curves to solve: a design, held-out curves, and the most informative additional runs.
-
-The posterior variance of a linear fit depends on where runs were made, not on their results; times
-the squared errors found there it gives the error of a prediction. A run at row r lowers the
-variance at row j by K_rj²/(1 + K_rr), K the covariance of the predictions.
-"""
+"""Choose curves to solve: designs over the whole range, and curves typical of studies."""
 
 import json
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
 from scipy.stats import qmc
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.emulator.coordinates import Coordinates, coordinates, inside
-from bayesdeg.emulator.regression import DERIVATIVE_WEIGHT, Prior, half_ranges
+from bayesdeg.emulator.coordinates import inside
 from bayesdeg.emulator.scaling import MATERIAL, NOMINAL_THICKNESS, Place, TrainingRange
-from bayesdeg.emulator.terms import Terms, feature_gradients, features
 
 Floats = NDArray[np.float64]
 
@@ -40,29 +31,20 @@ def study_like(count: int, *, seed: int) -> list[Curve]:
     stiffness by a factor of 1.6 about their usual values; α = 0.62 ± 0.05; none, one or two
     causes at practical sizes.
 
-    Parameters
-    ----------
-    count : int
-        Number of curves.
-    seed : int
-        Seed of all draws.
-
     Examples
     --------
     >>> len(study_like(2, seed=1)[0].loads)
     12
     """
-    generator = np.random.default_rng(seed)
-    return [_draw(generator) for _ in range(count)]
-
-
-def _draw(generator: np.random.Generator) -> Curve:
-    base, c1, scale = _usual_material(generator)
-    number = int(generator.choice(len(ACTIVE_HELD_OUT), p=ACTIVE_HELD_OUT))
-    effects = _effects(generator, weight=_weight(c1, scale))
-    for k in generator.permutation(len(effects))[:number]:
-        base |= effects[int(k)]
-    return _at_pressures(MaterialGroups(**base), c1)
+    generator, curves = np.random.default_rng(seed), []
+    for _ in range(count):
+        base, c1, scale = _usual_material(generator)
+        number = int(generator.choice(len(ACTIVE_HELD_OUT), p=ACTIVE_HELD_OUT))
+        effects = _effects(generator, weight=_weight(c1, scale))
+        for k in generator.permutation(len(effects))[:number]:
+            base |= effects[int(k)]
+        curves.append(_at_pressures(MaterialGroups(**base), c1))
+    return curves
 
 
 def _at_pressures(material: MaterialGroups, c1: float) -> Curve:
@@ -138,16 +120,8 @@ class Effects:
 def space_filling(span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
     """Return curves over a scrambled Sobol' design, each with none to four active causes.
 
-    The first curves of a longer design are those of a shorter one.
-
-    Parameters
-    ----------
-    span : TrainingRange
-        Range of the emulator.
-    count : int
-        Number of curves.
-    seed : int
-        Seed of scrambling and choice of causes.
+    The first curves of a longer design are those of a shorter one. The seed is that of scrambling
+    and of the choice of causes.
 
     Examples
     --------
@@ -172,8 +146,18 @@ def space_filling(span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
             )
             if name in active
         }
-        material = replace(_base_material(span, point), **changes)
-        curves.append(Curve(_loads(span, point[1]), material))
+        low, high = span.lower[: len(MATERIAL)], span.upper[: len(MATERIAL)]
+        softening, stiffening, paper = low + (high - low) * point[: len(MATERIAL)]
+        c3 = float(np.exp(stiffening))
+        material = MaterialGroups(
+            c2_ratio=float(softening * np.sqrt(3.0 * c3)),
+            c3_ratio=c3,
+            paper_group=float(np.exp(paper)),
+            paper_thickness=NOMINAL_THICKNESS,
+        )
+        largest = float(span.largest_load(np.array(2.0 * point[1] - 1.0)))
+        loads = tuple(largest * share for share in LOAD_SHARES)
+        curves.append(Curve(loads, replace(material, **changes)))
     return curves
 
 
@@ -205,16 +189,10 @@ def _within(curve: Curve, span: TrainingRange) -> Curve:
 
 
 def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[list[Curve], ...]:
-    """Return additional curves for the coarse and for the fine mesh, chosen by ``sequential``.
+    """Return additional curves for the coarse and for the fine mesh, by `most_informative`.
 
-    Parameters
-    ----------
-    span : TrainingRange
-        Range of the emulator.
-    first : list of Curve
-        The first stage on the coarse mesh, for which the choice was made.
-    fine : int
-        Number of these solved on the fine mesh, the first ones.
+    The choice was made for the ``first`` stage on the coarse mesh, of which the first ``fine``
+    curves are solved on the fine mesh too.
     """
     chosen = json.loads(SECOND_STAGE.read_text(encoding="utf-8"))
     pool = candidates(span)
@@ -236,11 +214,6 @@ def third_stage(span: TrainingRange) -> list[Curve]:
     Their exact derivatives determine small causes. Slack of the paper is not among them: what
     counts there is the load at which it is taken up.
 
-    Parameters
-    ----------
-    span : TrainingRange
-        Range of the emulator.
-
     Examples
     --------
     >>> len(third_stage(TrainingRange()))
@@ -260,115 +233,4 @@ def third_stage(span: TrainingRange) -> list[Curve]:
     return curves
 
 
-def _base_material(span: TrainingRange, unit: Floats) -> MaterialGroups:
-    low, high = span.lower[: len(MATERIAL)], span.upper[: len(MATERIAL)]
-    softening, stiffening, paper = low + (high - low) * unit[: len(MATERIAL)]
-    c3 = float(np.exp(stiffening))
-    return MaterialGroups(
-        c2_ratio=float(softening * np.sqrt(3.0 * c3)),
-        c3_ratio=c3,
-        paper_group=float(np.exp(paper)),
-        paper_thickness=NOMINAL_THICKNESS,
-    )
-
-
-def _loads(span: TrainingRange, unit_stiffening: float) -> tuple[float, ...]:
-    largest = float(span.largest_load(np.array(2.0 * unit_stiffening - 1.0)))
-    return tuple(largest * share for share in LOAD_SHARES)
-
-
-Indices = NDArray[np.int64]
-
 SHARES = (0.3, 0.65, 1.0)  # of a curve's largest load, where it is evaluated
-
-
-@dataclass(frozen=True)
-class Question:
-    """A linear fit to be improved by additional runs.
-
-    Parameters
-    ----------
-    orders : array, shape (n_terms, 13)
-        Its terms.
-    prior : Prior
-        Prior of its coefficients.
-    normal : array, shape (n_terms, n_terms)
-        Σ AᵢᵀAᵢ of the runs so far, columns scaled by the prior.
-    errors : Terms
-        ln of squared relative errorsof the first output.
-    """
-
-    orders: Indices
-    prior: Prior
-    normal: Floats
-    errors: Terms
-
-
-def most_informative(
-    question: Question,
-    candidates: Sequence[Curve],
-    count: int,
-    *,
-    likely: Sequence[Curve],
-    span: TrainingRange,
-    on_pick: Callable[[int], None] = lambda index: None,
-) -> list[int]:
-    """Choose candidates to solve sequentially, each given those before.
-
-    A candidate is judged by the sum of the gains of its single readings; once chosen, its readings
-    and derivatives count together.
-
-    Parameters
-    ----------
-    question : Question
-        The fit, and the runs so far.
-    candidates : sequence of Curve
-        Possible runs.
-    count : int
-        Number of runs to choose.
-    likely : sequence of Curve
-        Draws from the prior, over which the predictive variance is averaged.
-    span : TrainingRange
-        Range of the emulator.
-    on_pick : callable, optional
-        Called with the index of each.
-    """
-    scales = question.prior.scales(question.orders)
-    normal = question.normal + question.prior.noise**2 * np.eye(len(scales))
-    places = [_places(curve, span) for curve in candidates]
-    targets = np.vstack([_places(curve, span).points for curve in likely])
-    sizes = np.exp(features(question.errors.orders, targets) @ question.errors.coefficients[0])
-    weights = np.tile(np.square(SHARES), len(likely)) * sizes
-    offered = scales * features(question.orders, np.vstack([p.points for p in places]))
-    wanted = scales * features(question.orders, targets)
-    picked: list[int] = []
-    for _ in range(count):
-        factor = cholesky(normal, lower=True)
-        at, to = (solve_triangular(factor, rows.T, lower=True) for rows in (offered, wanted))
-        lowered = np.square(at.T @ to) @ weights / (1.0 + np.sum(at * at, axis=0))
-        gain = lowered.reshape(len(candidates), -1).sum(axis=1)
-        gain[picked] = 0.0
-        best = int(np.argmax(gain))
-        picked.append(best)
-        on_pick(best)
-        rows = _rows(places[best], question.orders, span) * scales
-        normal += rows.T @ rows
-    return picked
-
-
-def _places(curve: Curve, span: TrainingRange) -> Coordinates:
-    place = Place.of(curve.material)
-    loads = np.array(SHARES) * curve.loads[-1] / place.modulus
-    found = coordinates(np.column_stack([loads, np.tile(place.values, (len(loads), 1))]))
-    found.points[:, 0] = np.minimum(found.points[:, 0], 1.0)
-    return found
-
-
-def _rows(place: Coordinates, orders: Indices, span: TrainingRange) -> Floats:
-    """Return the rows that a run would add: values and derivatives."""
-    slopes = feature_gradients(orders, place.points)
-    sizes = DERIVATIVE_WEIGHT * half_ranges(span)
-    along = np.einsum("npt,npk->nkt", slopes, place.jacobian) * sizes[None, :, None]
-    weighted = np.array(SHARES)[:, None, None] * along
-    values = np.array(SHARES)[:, None] * features(orders, place.points)
-    return np.vstack([values, weighted.reshape(-1, len(orders))])

@@ -133,12 +133,7 @@ class LocalDesign:
     ) -> "LocalDesign":
         """Return the design with some curves solved with moved dimensions.
 
-        Parameters
-        ----------
-        dimensions : tuple of UncertainDimension
-            Dimensions of the study; without any the design is unchanged.
-        alone : bool
-            Whether no other curves are needed.
+        Without dimensions it is unchanged. If ``alone``, no other curves are needed.
         """
         if not dimensions:
             return self
@@ -153,15 +148,15 @@ class LocalDesign:
     def further(self, asked: InputDraws, recipe: Recipe) -> "LocalDesign":
         """Return the design with added curves at new draws, over a range that covers both.
 
-        Parameters
-        ----------
-        asked : InputDraws
-            Draws of a posterior.
-        recipe : Recipe
-            Number of added curves, and the seed that chooses them.
+        The recipe gives the number of added curves, and the seed that chooses them.
         """
         counted = asked.in_units(self.units)
-        span = _spanning(self.span, span_of(counted))
+        new = span_of(counted)
+        groups = tuple(
+            replace(a, low=min(a.low, b.low), high=max(a.high, b.high))
+            for a, b in zip(self.span.groups, new.groups, strict=True)
+        )
+        span = replace(self.span, groups=groups, share=max(self.span.share, new.share))
         more = _curves(counted, span, recipe, self.units)
         fine = (*self.fine, *more[: recipe.fine_runs])
         design = replace(self, span=span, coarse=(*self.coarse, *more), fine=fine, usual=more)
@@ -213,14 +208,7 @@ def units_for(geometry: Moulded, asked: InputDraws) -> Units:
     """Return units in which all inputs of a study lie within the known ranges.
 
     They are powers of two, so that similar studies share them, and nothing is rounded. For a
-    pneunet with paper on its bottom they are 1.
-
-    Parameters
-    ----------
-    geometry : Moulded
-        The actuator.
-    asked : InputDraws
-        Draws of the inputs, in units of 1.
+    pneunet with paper on its bottom they are 1, as for ``asked``.
     """
     if has_ground(geometry):
         return ONE
@@ -259,15 +247,6 @@ def span_share(asked: InputDraws, wider: float = WIDER) -> float:
     return (1.0 + wider) * float(np.quantile(asked.load / largest, 1.0 - 2.0 * TAIL))
 
 
-def _spanning(one: TrainingRange, other: TrainingRange) -> TrainingRange:
-    """Return the smallest range that covers two."""
-    groups = tuple(
-        replace(a, low=min(a.low, b.low), high=max(a.high, b.high))
-        for a, b in zip(one.groups, other.groups, strict=True)
-    )
-    return replace(one, groups=groups, share=max(one.share, other.share))
-
-
 def covers(span: TrainingRange, wanted: TrainingRange) -> bool:
     """Return whether the range of an emulator covers a second range.
 
@@ -285,33 +264,24 @@ def span_of(asked: InputDraws, *, wider: float = WIDER) -> TrainingRange:
     """Return the range over which an emulator covers all draws, if possible.
 
     A group that no draw moves stays at its neutral value; all others get the range of the draws
-    that move them, without tails, widened, within the training range of the shipped emulator. The
-    largest load is widened likewise.
-
-    Parameters
-    ----------
-    asked : InputDraws
-        Draws.
-    wider : float
-        Margin on either side, relative to the width of the draws' range [–].
+    that move them, without tails, widened by a share ``wider`` of its width on either side, within
+    the training range of the shipped emulator. The largest load is widened likewise.
     """
-    whole = TrainingRange()
-    groups = tuple(_range(g, v, wider) for g, v in zip(GROUPS, asked.groups.T, strict=True))
-    return replace(whole, groups=groups, share=min(1.0, span_share(asked, wider)))
-
-
-def _range(group: Group, values: Floats, wider: float) -> Group:
-    """Return the group with the range of the values that differ from its neutral one."""
-    moved = values[values != group.neutral]
-    if len(moved) == 0:
-        return replace(group, low=group.neutral, high=group.neutral)
-    if group.is_cause:  # few sets of causes move it, and none by much
-        ends = np.array([min(moved.min(), group.neutral), max(moved.max(), group.neutral)])
-    else:
-        ends = np.quantile(moved, [TAIL, 1.0 - TAIL])
-    room = wider * (ends[1] - ends[0])
-    low, high = np.clip([ends[0] - room, ends[1] + room], group.low, group.high)
-    return replace(group, low=float(low), high=float(high))
+    groups: list[Group] = []
+    for group, values in zip(GROUPS, asked.groups.T, strict=True):
+        moved = values[values != group.neutral]
+        if len(moved) == 0:
+            groups.append(replace(group, low=group.neutral, high=group.neutral))
+            continue
+        if group.is_cause:  # few sets of causes move it, and none by much
+            ends = np.array([min(moved.min(), group.neutral), max(moved.max(), group.neutral)])
+        else:
+            ends = np.quantile(moved, [TAIL, 1.0 - TAIL])
+        room = wider * (ends[1] - ends[0])
+        low, high = np.clip([ends[0] - room, ends[1] + room], group.low, group.high)
+        groups.append(replace(group, low=float(low), high=float(high)))
+    share = min(1.0, span_share(asked, wider))
+    return replace(TrainingRange(), groups=tuple(groups), share=share)
 
 
 def _unit_stiffening(groups: Floats) -> Floats:
@@ -320,18 +290,7 @@ def _unit_stiffening(groups: Floats) -> Floats:
 
 
 def curves_of(asked: InputDraws, span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
-    """Return curves at random draws; the first ones do not depend on their number.
-
-    Parameters
-    ----------
-    asked : InputDraws
-        Draws.
-    span : TrainingRange
-        Range of the emulator; draws outside are clipped.
-    count : int
-        Number of curves.
-    seed : int
-        Seed of the choice.
+    """Return curves at random draws clipped to a range; the first do not depend on their number.
 
     Examples
     --------
@@ -356,18 +315,7 @@ def curves_along(asked: InputDraws, span: TrainingRange, count: int, *, seed: in
     to its load: large bending is known least (errors of held-out curves were 0.01 to 0.1 %, and
     grow with the load). Every second curve ends earlier, at a share of its load that varies: a path
     stops at few loads, nearly the same in every curve except its last, and an emulator's error
-    oscillates between them.
-
-    Parameters
-    ----------
-    asked : InputDraws
-        Draws.
-    span : TrainingRange
-        Range of the emulator; draws outside are clipped.
-    count : int
-        Number of curves.
-    seed : int
-        Seed of the choice.
+    oscillates between them. Draws outside the range are clipped.
     """
     groups, generator = asked.groups, np.random.default_rng(seed)
     width = groups.std(axis=0)

@@ -22,7 +22,7 @@ The load at which curves end is corrected likewise, by a constant and its slopes
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,25 +33,27 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.demand import MEASURES
-from bayesdeg.emulator.campaign import (
+from bayesdeg.emulator.coordinates import coordinates
+from bayesdeg.emulator.fit import (
     ANGLES,
-    EQUIVALENT,
     FAMILY,
+    FIRST,
+    FLAT,
     INSIDE,
+    NONE,
     SMALLEST,
     STRETCH,
-    WEIBULL,
     FitPlan,
     counted,
     coverage,
     fit_limit,
     gap_of,
     learned,
+    like,
     summary,
     summed,
     terms_below,
 )
-from bayesdeg.emulator.coordinates import coordinates
 from bayesdeg.emulator.local import InputDraws
 from bayesdeg.emulator.regression import (
     STEEPEST,
@@ -68,42 +70,32 @@ from bayesdeg.errors import BayesdegError
 
 Floats = NDArray[np.float64]
 
-ONCE = (1, 1, 1, 1, 1, 1, 1, 1, 1)
-_WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), ONCE)
+_WAVY = Family((12, 5, 5, 4), (4, 2, 2, 2), FIRST)
+_KINKED = Family((28, 5, 5, 4), (4, 2, 2, 2), FIRST)
+_FALLING, _SLOWLY_FALLING = Prior(0.8, 0.6, 0.6, 5e-2), Prior(0.9, 0.6, 0.6, 2e-2)
 QUANTILE_WEIGHT = 0.02  # of derivatives: more improves one actuator in three and worsens two
-_PRIOR = Prior(0.8, 0.6, 0.6, 5e-2)
-_ANGLES = FitPlan(ANGLES, True, _WAVY, _WAVY, _PRIOR, _PRIOR)
-# where the most stretched region changes place, quantiles have kinks narrower than the steps of a
-# path: they need readings in between, and equally short waves (for a 90 mm actuator orders of 12,
-# 20, 28 and 40 leave 1.0, 0.5, 0.45 and 0.4 %; 40 worsens a 60 mm one). Their derivatives are
-# smoothed over points, and carry less information than those of angles
-_KINKED = Family((28, 5, 5, 4), (4, 2, 2, 2), ONCE)
-_SLOWLY_FALLING = Prior(0.9, 0.6, 0.6, 2e-2)
-_STRETCH = FitPlan(
-    STRETCH,
-    True,
-    _KINKED,
-    _KINKED,
-    _SLOWLY_FALLING,
-    _SLOWLY_FALLING,
-    weight=QUANTILE_WEIGHT,
-    between=True,
-)
-REFINING = (
-    _ANGLES,
-    _STRETCH,
-    replace(_ANGLES, outputs=WEIBULL),
-    replace(_STRETCH, outputs=EQUIVALENT),
+REFINING = like(
+    FitPlan(ANGLES, True, _WAVY, _WAVY, _FALLING, _FALLING),
+    # where the most stretched region changes place, quantiles have kinks narrower than the steps of
+    # a path: they need readings in between, and equally short waves (for a 90 mm actuator orders of
+    # 12, 20, 28 and 40 leave 1.0, 0.5, 0.45 and 0.4 %; 40 worsens a 60 mm one). Their derivatives
+    # are smoothed over points, and carry less information than those of angles
+    FitPlan(
+        *(STRETCH, True, _KINKED, _KINKED, _SLOWLY_FALLING, _SLOWLY_FALLING),
+        weight=QUANTILE_WEIGHT,
+        between=True,
+    ),
 )
 """Terms of the corrections: the remainder of an already fitted map is wavy, and its waves are
 small."""
-ENDS = Family((0, 1, 1, 1), (0, 0, 0, 0), 9 * (0,))
+ENDS = Family((0, 1, 1, 1), FLAT, NONE)
 """Terms of the correction of where curves end."""
-SHIFT = Family((0, 0, 0, 0), (0, 0, 0, 0), 9 * (0,))
+SHIFT = Family(FLAT, FLAT, NONE)
 """The same if few curves are seen to end: a single constant."""
 SHARES = (0.3, 0.6, 1.0)
 """Shares of the largest load at which errors away from the posterior are evaluated."""
 MOST_HELD = 600  # places at which it is held near zero: a few times the number of terms
+RIDGE = 1e-3  # of a term's squared size, against all points together
 FEWEST = 4  # minimum number of curves for holding out
 FEWEST_ENDS = 2  # minimum number of ended curves for holding out
 ENDS_FOR_SLOPES = 8  # twice the number of terms of ``ENDS``: slopes through two ends are scatter
@@ -165,7 +157,12 @@ def refine(
             raise TooFewCurvesError(
                 f"only {count} curves are usable where the posterior lies, too few for refinement"
             )
-        elsewhere = _points_of(asked.in_units(ground.units))
+        counted_asked = asked.in_units(ground.units)
+        at = [
+            np.column_stack([share * counted_asked.load, counted_asked.groups]) for share in SHARES
+        ]
+        elsewhere = coordinates(np.vstack(at)).points
+        elsewhere = elsewhere[np.all(np.isfinite(elsewhere), axis=1)]
         # runs usable at their steps are also usable in between
         known = {False: list(at_steps.values()), True: [all_along[curve] for curve in at_steps]}
         fitted = [_Correction.of(ground, known[plan.between], elsewhere, plan) for plan in REFINING]
@@ -219,18 +216,7 @@ class _Correction:
     def of(
         cls, ground: Surrogate, runs: Sequence[Observed], elsewhere: Floats, plan: FitPlan
     ) -> "_Correction":
-        """Fit the correction, holding out each run in turn.
-
-        Parameters
-        ----------
-        ground : Surrogate
-        runs : sequence of Observed
-        elsewhere : array, shape (n, 13)
-            Coordinates of all inputs used: there the correction is 0 within the emulator's own
-            errors.
-        plan : FitPlan
-            Outputs and terms.
-        """
+        """Fit the correction, holding out each run in turn; 0 ``elsewhere`` within own errors."""
         span = ground.span
         below, orders, count = terms_below(ground, plan), plan.family.orders, len(plan.outputs)
         gaps = [gap_of(run, plan.family, below, plan, span) for run in runs]
@@ -242,7 +228,13 @@ class _Correction:
             (gap.targets - gap.matrix @ rest.T)[: gap.n_values] / run.weights[:, None]
             for run, gap, rest in zip(runs, gaps, without, strict=True)
         ]
-        unit_errors = [_unit_error_without(alone, gap) for gap in gaps]
+        unit_errors = []
+        for gap in gaps:
+            # with H = A N⁻¹ Aᵀ of the run's weighted rows, that of the others is H (I − H)⁻¹
+            lifted = solve_triangular(alone.factor, (gap.matrix * alone.scales).T, lower=True)
+            inner = lifted.T @ lifted
+            variance = np.diag(inner @ np.linalg.inv(np.eye(len(inner)) - inner))[: gap.n_values]
+            unit_errors.append(np.sqrt(np.maximum(variance, 0.0)))
         return cls(plan, runs, best, alone, without, left_out, unit_errors)
 
     @property
@@ -272,11 +264,9 @@ class _Correction:
 
 
 def _held_near_zero(ground: Surrogate, points: Floats, plan: FitPlan) -> Equations:
-    """Return equations of zero correction, each weighted by the rounding of paths over the error.
-
-    An emulator's errors are correlated from place to place, so all together weigh as one: as many
-    independent ones would hold the correction at zero even at the curves.
-    """
+    """Return equations of zero correction, weighted by the rounding of paths over the error."""
+    # An emulator's errors are correlated from place to place, so all together weigh as one: as many
+    # independent ones would hold the correction at zero even at the curves.
     thinned = points[:: max(1, len(points) // MOST_HELD)]
     own = stacked([_of_output(ground.error, ground.strain_error, k) for k in plan.outputs])
     log_square = features(own.orders, thinned) @ own.coefficients.T
@@ -288,17 +278,6 @@ def _held_near_zero(ground: Surrogate, points: Floats, plan: FitPlan) -> Equatio
 def _of_output(first: Terms, second: Terms, k: int) -> Terms:
     """Return the terms of one of ``OUTPUTS``, and then of ``MEASURES``."""
     return first.output(k) if k < len(OUTPUTS) else second.output(k - len(OUTPUTS))
-
-
-def _unit_error_without(best: Regression, gap: Equations) -> Floats:
-    """Return standard errors of the values of a held-out run, for residuals of 1, (n,).
-
-    With H = A N⁻¹ Aᵀ of the run's weighted rows, that of the others is H (I − H)⁻¹.
-    """
-    lifted = solve_triangular(best.factor, (gap.matrix * best.scales).T, lower=True)
-    inner = lifted.T @ lifted
-    variance = np.diag(inner @ np.linalg.inv(np.eye(len(inner)) - inner))[: gap.n_values]
-    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def _corrected(ground: Surrogate, corrections: Sequence[tuple[_Correction, Floats]]) -> Surrogate:
@@ -316,10 +295,7 @@ def _corrected(ground: Surrogate, corrections: Sequence[tuple[_Correction, Float
 def _limit(
     ground: Surrogate, solved: tuple[Sequence[Curve], Sequence[PathSamples]], steepest: float
 ) -> Terms:
-    """Return the load at which curves end, corrected if enough are seen to end, and its error.
-
-    The error is that of held-out curves, or the emulator's own if larger.
-    """
+    """Return the load at which curves end, corrected if enough are seen to end, and its error."""
     ends = [reach(curve, one, steepest) for curve, one in zip(*solved, strict=True)]
     seen = sum(end.load > 0.0 and not end.open for end in ends)
     if seen < FEWEST_ENDS:
@@ -328,7 +304,7 @@ def _limit(
     found = fit_limit(ends, family=family, ground=ground.limit.output(0))
     first = np.all(own.orders == 0, axis=1)
     at_left_out = np.sqrt(0.5 * np.pi) * np.mean(np.abs(found.left_out))
-    error = own.coefficients.copy()
+    error = own.coefficients.copy()  # or that of held-out curves if larger
     error[0, first] = np.maximum(error[0, first], at_left_out)
     return stacked([found.terms.output(0), Terms(own.orders, error)])
 
@@ -347,6 +323,9 @@ def _error_terms(
         points = np.vstack([near, far])
         matrix = features(FAMILY.orders, points)
         weights = np.repeat([1.0 / len(near), 1.0 / len(far)], [len(near), len(far)])
+        weighted = matrix * weights[:, None]
+        penalty = RIDGE * np.eye(matrix.shape[1])
+        penalty[0, 0] = 0.0  # the first term is the constant
         unit = np.concatenate([*part.unit_errors, part.unit_error(far)])
         left = np.minimum(unit / part.prior_error(points), 1.0)
         corrections = np.maximum(part.scale * unit[:, None], SMALLEST).T
@@ -357,7 +336,7 @@ def _error_terms(
             log_square = np.minimum(
                 np.logaddexp(2.0 * np.log(correction), 2.0 * np.log(left) + log_own), log_own
             )
-            level = _ridge(matrix, log_square, weights)
+            level = np.linalg.solve(weighted.T @ matrix + penalty, weighted.T @ log_square)
             spread = at_near / np.exp(0.5 * matrix[: len(near)] @ level)
             level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / norm.ppf(0.5 * (1.0 + INSIDE)))
             parts[k] = Terms(FAMILY.orders, level[None])
@@ -365,49 +344,21 @@ def _error_terms(
     return stacked(ordered[: len(OUTPUTS)]), stacked(ordered[len(OUTPUTS) :])
 
 
-RIDGE = 1e-3  # of a term's squared size, against all points together
-
-
-def _ridge(matrix: Floats, values: Floats, weights: Floats) -> Floats:
-    """Return coefficients of terms, of which the first is the constant, by weighted values."""
-    weighted = matrix * weights[:, None]
-    penalty = RIDGE * np.eye(matrix.shape[1])
-    penalty[0, 0] = 0.0
-    found: Floats = np.linalg.solve(weighted.T @ matrix + penalty, weighted.T @ values)
-    return found
-
-
-def _points_of(asked: InputDraws) -> Floats:
-    """Return coordinates of all inputs used, at some shares of the largest loads, (n, 13)."""
-    at = [np.column_stack([share * asked.load, asked.groups]) for share in SHARES]
-    points = coordinates(np.vstack(at)).points
-    known: Floats = points[np.all(np.isfinite(points), axis=1)]
-    return known
-
-
 def _record(ground: Surrogate, fitted: Sequence[_Correction], error: Terms) -> str:
-    """Return the emulator's record with new solutions and held-out errors."""
+    """Return the emulator's record with held-out errors of the corrections."""
     record, names = json.loads(ground.record), (*OUTPUTS, *MEASURES)
-    found: Mapping[str, dict[str, float]] = {
-        names[k]: accuracy
-        for part in fitted
-        for k, accuracy in zip(part.plan.outputs, _accuracy(part, error), strict=True)
-    }
-    record["accuracy"] = record.get("accuracy", {}) | found
+    accuracy = dict(record.get("accuracy", {}))
+    for part in fitted:
+        outputs = list(part.plan.outputs)
+        own = Terms(error.orders, error.coefficients[outputs])
+        shares = coverage(own, part.points, np.vstack(part.left_out))
+        worst = np.array(
+            [
+                np.max(np.abs(run.weights[:, None] * missed), axis=0)
+                for run, missed in zip(part.runs, part.left_out, strict=True)
+            ]
+        )
+        for k, column, share in zip(outputs, worst.T, shares, strict=True):
+            accuracy[names[k]] = summary(list(column)) | {"coverage_90": share}
+    record["accuracy"] = accuracy
     return json.dumps(record, indent=1)
-
-
-def _accuracy(fitted: _Correction, error: Terms) -> list[dict[str, float]]:
-    """Return the held-out errors of each output."""
-    own = Terms(error.orders, error.coefficients[list(fitted.plan.outputs)])
-    shares = coverage(own, fitted.points, np.vstack(fitted.left_out))
-    worst = np.array(
-        [
-            np.max(np.abs(run.weights[:, None] * missed), axis=0)
-            for run, missed in zip(fitted.runs, fitted.left_out, strict=True)
-        ]
-    )
-    return [
-        summary(list(column)) | {"coverage_90": share}
-        for column, share in zip(worst.T, shares, strict=True)
-    ]

@@ -179,7 +179,17 @@ def observe(
     with np.errstate(invalid="ignore", divide="ignore"):
         by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
         logs = np.log(changes / denominators)
-    by_groups[:, STRAINED] -= (_offset_gradient(place) / denominators[:, 2, None])[:, None]
+        first = np.log(slopes[0, :, 0] * place.modulus)
+    first[QUANTILES] = np.nan
+    if rest[0] != 0.0:
+        first[STRAINED] = np.nan
+    # the derivative of the offset due to strain at rest
+    offset, at_rest = np.zeros(len(NAMES)), np.array([0.0, *place.values])
+    offset[at.MISMATCH] = np.sign(at_rest[at.MISMATCH])
+    gravity = [at.ALONG, at.UP]
+    if (weight := np.hypot(*at_rest[gravity])) > 0.0:
+        offset[gravity] = at.GRAVITY_STRAIN * at_rest[gravity] / weight
+    by_groups[:, STRAINED] -= (offset / denominators[:, 2, None])[:, None]
     weights = np.maximum(changes[keep, 0] / changes[keep, 0].max(), FLOOR)
     return Observed(
         Coordinates(*(part[keep] for part in vars(points).values())),
@@ -187,19 +197,9 @@ def observe(
         logs[keep],
         by_groups[keep],
         weights,
-        _at_zero_load(slopes[0, :, 0] * place.modulus, is_strained=rest[0] != 0.0),
+        first,
         tight=curve.material.paper_slack == 0.0,
     )
-
-
-def _at_zero_load(slopes: Floats, *, is_strained: bool) -> Floats:
-    """Return y at zero load from initial slopes by p/M, (10,); nan where unknown."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        first = np.log(slopes)
-    first[QUANTILES] = np.nan
-    if is_strained:
-        first[STRAINED] = np.nan
-    return np.asarray(first)
 
 
 def _with_readings_between(curve: Curve, samples: PathSamples) -> PathSamples:
@@ -273,18 +273,6 @@ def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Float
     out[..., 1:] = logarithmic[..., 1:] @ _input_jacobian(place)
     # at a fixed p/M a larger second invariant is a larger p/C1: dM/dg = M²
     out[..., at.SECOND_INVARIANT] += logarithmic[..., 0] * (q * modulus**2)[:, None]
-    return out
-
-
-def _offset_gradient(place: Place) -> Floats:
-    """Return derivatives by load and groups of the offset due to strain at rest, (13,)."""
-    groups = np.array([0.0, *place.values])
-    out = np.zeros(len(NAMES))
-    out[at.MISMATCH] = np.sign(groups[at.MISMATCH])
-    gravity = [at.ALONG, at.UP]
-    weight = np.hypot(*groups[gravity])
-    if weight > 0.0:
-        out[gravity] = at.GRAVITY_STRAIN * groups[gravity] / weight
     return out
 
 
@@ -387,18 +375,11 @@ def rows_of(
         if np.all(np.isfinite(run.first[outputs])):
             start = place.points[:1].copy()
             start[0, 0] = -1.0
-            start[0, N_CHEBYSHEV:] = _at_rest(run)
+            # at zero load slack paper has no effect
+            start[0, N_CHEBYSHEV + [c.name for c in CAUSES].index("paper_slack")] = not run.tight
             matrix.append(FLOOR * features(orders, start))
             targets.append(FLOOR * (run.first[None, outputs] - place.warp[:1, None]))
     return Equations(np.vstack(matrix), np.vstack(targets), len(values))
-
-
-def _at_rest(run: Observed) -> Floats:
-    """Return the causes' coordinates at zero load, where slack paper has no effect."""
-    causes = run.coordinates.points[0, N_CHEBYSHEV:].copy()
-    slack = [c.name for c in CAUSES].index("paper_slack")
-    causes[slack] = float(not run.tight)
-    return causes
 
 
 @dataclass(frozen=True)
@@ -443,18 +424,8 @@ def fit_scaled(
 ) -> Regression:
     """Return the most probable coefficients for given prior standard deviations.
 
-    Parameters
-    ----------
-    rows : iterable of Equations
-        Equations of all runs.
-    orders : array, shape (n_terms, 13)
-        Orders of the terms.
-    scales : array, shape (n_terms,)
-        Prior standard deviations over that of the first coefficient.
-    noise : float
-        Standard deviation of the residual over that of the first coefficient.
-    outputs : int
-        Number of outputs.
+    ``scales``, shape (n_terms,), are prior standard deviations, and ``noise`` is that of the
+    residual, over that of the first coefficient.
     """
     normal = noise**2 * np.eye(len(orders))
     right = np.zeros((len(orders), outputs))

@@ -116,40 +116,24 @@ class Units:
         """Return inputs converted to these units."""
         if self == ONE:
             return given
-        reference = given.reference_pressure
+        reference, thickness = given.reference_pressure, given.paper_thickness
+        stiffness = given.paper_stiffness
+        if self.layer is not None:  # the layer's, instead of the paper's
+            scale = np.asarray(given.linear_scale)
+            modulus = self.layer if self.layer > 0.0 else NO_LAYER * _modulus(given)
+            stiffness = 1e3 * modulus * scale
+            # any thickness but the paper's is part of the geometry
+            thickness = None if thickness is None else NOMINAL_THICKNESS * scale
         return replace(
             given,
             pressure=given.pressure / self.load,
-            paper_stiffness=self._stiffness(given) / self.paper,
-            paper_thickness=self._thickness(given),
+            paper_stiffness=stiffness / self.paper,
+            paper_thickness=thickness,
             reference_pressure=None if reference is None else reference / self.load,
         )
 
-    def _stiffness(self, given: Inputs) -> Floats:
-        """Return the Et that enters the group [N/m]."""
-        if self.layer is None:
-            return given.paper_stiffness
-        modulus = self.layer if self.layer > 0.0 else NO_LAYER * _modulus(given)
-        stiffness: Floats = 1e3 * modulus * np.asarray(given.linear_scale)
-        return stiffness
-
-    def _thickness(self, given: Inputs) -> Floats | None:
-        """Return the thickness of the paper [mm]; any other layer's is part of the geometry."""
-        if self.layer is None or given.paper_thickness is None:
-            return given.paper_thickness
-        thickness: Floats = NOMINAL_THICKNESS * np.asarray(given.linear_scale)
-        return thickness
-
     def by_given(self, by: Mapping[str, Floats], counted: Inputs) -> dict[str, Floats]:
-        """Return derivatives by the fields of given inputs from those of the converted ones.
-
-        Parameters
-        ----------
-        by : mapping of str to array
-            Derivatives by fields of ``inputs(given)``.
-        counted : Inputs
-            The converted inputs.
-        """
+        """Return derivatives by given inputs from those by the converted ones, ``counted``."""
         size = {"pressure": self.load, "paper_stiffness": self.paper}
         found = {name: value / size.get(name, 1.0) for name, value in by.items()}
         if self.layer is None:

@@ -5,7 +5,7 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from io import BytesIO
@@ -132,16 +132,16 @@ def run_of(parameters: dict[str, Any]) -> Run:
     return Run(
         geometry_of_record(shape),
         Resolution(**parameters["resolution"]),
-        Curve(tuple(curve["loads"]), MaterialGroups(**curve["material"]), _layer(curve)),
+        Curve(
+            tuple(curve["loads"]),
+            MaterialGroups(**curve["material"]),
+            LayerGroups(**curve["layer"]) if "layer" in curve else None,
+        ),
         Kind(parameters["kind"]),
         bool(parameters.get("held", False)),
         geometry_of_record(parameters["origin"]) if "origin" in parameters else None,
         Backend(parameters.get("backend", Backend.KERNELS)),
     )
-
-
-def _layer(curve: dict[str, Any]) -> LayerGroups | None:
-    return LayerGroups(**curve["layer"]) if "layer" in curve else None
 
 
 def _plain(value: object) -> object:
@@ -251,8 +251,10 @@ class SolutionStore:
         BayesdegError
             If the folder cannot be written, as when the disk is full. Existing solutions stay.
         """
-        if self._holds_as_good(run, timeout if solution.status is Status.TIMED_OUT else np.inf):
-            return False
+        with suppress(_DamagedError):
+            allowed = timeout if solution.status is Status.TIMED_OUT else np.inf
+            if self._read(run, allowed) is not None:
+                return False
         key = run.key()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -266,12 +268,6 @@ class SolutionStore:
                 "resume"
             ) from fault
         return True
-
-    def _holds_as_good(self, run: Run, timeout: float) -> bool:
-        try:
-            return self._read(run, timeout) is not None
-        except _DamagedError:
-            return False
 
     def failures(self) -> list[Failure]:
         """Return the runs of this version of the model that failed or timed out."""
@@ -288,23 +284,18 @@ class SolutionStore:
 
     def seconds(self) -> dict[str, float]:
         """Return the times of runs by key: wall time of one core [s]."""
-        return dict(self._times())
-
-    def _times(self) -> Iterator[tuple[str, float]]:
+        times = {}
         for path in sorted(self.folder.glob("*.seconds")):
-            try:
-                yield path.stem, float(read_bytes(path, most_mb=RUN_MB))
-            except (OSError, ValueError):  # not important
-                continue
+            with suppress(OSError, ValueError):  # not important
+                times[path.stem] = float(read_bytes(path, most_mb=RUN_MB))
+        return times
 
     def clean(self) -> None:
         """Remove temporary files that a killed process left behind an hour ago or earlier."""
         for path in self.folder.glob("*.part"):
-            try:
+            with suppress(OSError):  # removed by another campaign
                 if time.time() - path.stat().st_mtime > _ABANDONED:
                     path.unlink(missing_ok=True)
-            except OSError:  # removed by another campaign
-                continue
 
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}.npz"
@@ -334,7 +325,15 @@ def decode(content: bytes, run: Run) -> tuple[Solution, dict[str, Any]]:
         if key_of(record["run"]) != run.key():
             raise ValueError("it is the solution of a different run")
         _check_shapes(run, members)
-        return _solution(run.kind, members), record
+        m = members
+        end = (Status(int(m["status"])), float(m["limit_load"]), int(m["iterations"]))
+        whole = (*end, str(m["solver"]))
+        if run.kind is Kind.CURVE:
+            arrays = (m["readings"], m["rates"], m["rest"], m["rest_rates"])
+            return CurveSolution(*arrays, *whole), record
+        # earlier files lack readings between the equilibria
+        between = m.get("between", np.empty((0, m["readings"].shape[1])))
+        return PathSamples(m["loads"], m["readings"], m["gradients"], *whole, between), record
     except Exception as fault:  # a damaged archive may raise anything
         raise _DamagedError(repr(fault)) from fault
 
@@ -344,17 +343,6 @@ def _members(content: bytes) -> dict[str, Any]:
     with ZipFile(BytesIO(content)) as archive:
         parts = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
     return {name: np.load(BytesIO(part), allow_pickle=False) for name, part in parts.items()}
-
-
-def _solution(kind: Kind, members: dict[str, Any]) -> Solution:
-    m = members
-    status, limit = Status(int(m["status"])), float(m["limit_load"])
-    end = (status, limit, int(m["iterations"]), str(m["solver"]))
-    if kind is Kind.CURVE:
-        return CurveSolution(m["readings"], m["rates"], m["rest"], m["rest_rates"], *end)
-    # earlier files lack readings between the equilibria
-    between = m.get("between", np.empty((0, m["readings"].shape[1])))
-    return PathSamples(m["loads"], m["readings"], m["gradients"], *end, between)
 
 
 def _check_shapes(run: Run, members: dict[str, Any]) -> None:

@@ -14,10 +14,12 @@ curvature is zero at zero pressure, smooth in it, and has exact derivatives. L s
 nominal actuator where dimensions depart from it, see `bayesdeg.emulator.departure`.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Self
+from itertools import pairwise
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,7 @@ from bayesdeg.actuator.inputs import (
     relative_to_reference,
 )
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.compiled_map import Rows, map_of_rows
+from bayesdeg.compiled import compiled
 from bayesdeg.emulator.coordinates import (
     GIVE,
     GRAVITY_STRAIN,
@@ -55,7 +57,17 @@ from bayesdeg.emulator.scaling import (
     TrainingRange,
     Units,
 )
-from bayesdeg.emulator.terms import ROW_AXES, Terms, active_plan, evaluate, stacked
+from bayesdeg.emulator.terms import (
+    BLOCK,
+    ROW_AXES,
+    Plan,
+    Terms,
+    active_plan,
+    contract,
+    evaluate,
+    fill,
+    stacked,
+)
 from bayesdeg.errors import BayesdegError
 
 Floats = NDArray[np.float64]
@@ -72,40 +84,49 @@ def describe(
 ) -> dict[str, str]:
     """Return a sentence for each group that leaves its range, and for the load.
 
-    Parameters
-    ----------
-    batch : Batch
-        Requested inputs.
-    span : TrainingRange
-        Training range.
-    limit : array, shape (n_rows,)
-        p/M up to which curves are smooth [–].
-    units : Units
-        Units of all of these.
+    ``limit``, shape (n_rows,), is p/M up to which curves are smooth; ``units`` are those of all.
     """
     out = ~inside(batch.groups[1:].T, span).T
     # values of a group count once per load of its row
     columns = batch.loads.shape[1]
     found = {
-        group.name: _group(*_counted_in_one(group, values, units), refused, columns)
+        group.name: _words_of_group(group, values, refused, columns, units)
         for group, values, refused in zip(span.groups, batch.groups[1:], out, strict=True)
         if np.any(refused)
     }
-    return found | _loads(batch, span, limit, units.load)
+    loads, limit = units.load * batch.loads, units.load * limit
+    largest = np.where(batch.within, units.load * batch.largest_load(span), np.inf)
+    largest = np.broadcast_to(largest[:, None], loads.shape)
+    over = ~((loads >= 0.0) & (loads <= largest))
+    if np.any(over):
+        words, known = "is not a number", ~np.isnan(loads[over])
+        if np.any(known):
+            refused, most = loads[over], largest[over]
+            beyond = np.where(known, np.maximum(-refused, refused - most), -np.inf)
+            worst = int(np.argmax(beyond))
+            up_to = f" to {most[worst]:.4g} for that material" if np.isfinite(most[worst]) else ""
+            words = f"reaches {refused[worst]:.4g}, trained from 0{up_to}"
+        found[LOAD] = f"p/M {words}; {int(over.sum())} of {loads.size} values"
+    past = batch.within[:, None] & ~over & (loads > limit[:, None])
+    if np.any(past):
+        at = np.unravel_index(int(np.argmax(np.where(past, loads, -1.0))), loads.shape)
+        found[LIMIT] = (
+            f"p/M reaches {loads[at]:.4g}, but the curve of that material is smooth only up to "
+            f"{limit[at[0]]:.4g}; {int(past.sum())} of {loads.size} values"
+        )
+    return found
 
 
-def _counted_in_one(group: Group, values: Floats, units: Units) -> tuple[Group, Floats]:
-    """Return the range and values of a group in the user's units."""
-    if group.name != "log_paper":
-        return group, values
-    shift = float(np.log(units.paper))
-    counted = replace(group, low=group.low + shift, high=group.high + shift)
-    if units.layer is not None:
-        counted = replace(counted, meaning="ln(C1 of the constraint layer/M)", unit="–")
-    return counted, values + shift
-
-
-def _group(group: Group, values: Floats, refused: Flags, columns: int) -> str:
+def _words_of_group(
+    group: Group, values: Floats, refused: Flags, columns: int, units: Units
+) -> str:
+    """Say how far a group leaves its range, in the user's units."""
+    if group.name == "log_paper":
+        shift = float(np.log(units.paper))
+        group = replace(group, low=group.low + shift, high=group.high + shift)
+        values = values + shift
+        if units.layer is not None:
+            group = replace(group, meaning="ln(C1 of the constraint layer/M)", unit="–")
     unit = "" if group.unit == "–" else f" {group.unit}"
     count = f"{columns * int(refused.sum())} of {columns * len(values)} values"
     trained = f"trained from {group.low:.4g} to {group.high:.4g}{unit}; {count}"
@@ -117,36 +138,6 @@ def _group(group: Group, values: Floats, refused: Flags, columns: int) -> str:
     beyond = np.maximum(group.low - known, known - group.high)
     worst = known[int(np.argmax(beyond))]
     return f"{group.meaning} reaches {worst:.4g}{unit}, {trained}"
-
-
-def _loads(batch: Batch, span: TrainingRange, limit: Floats, unit: float) -> dict[str, str]:
-    loads, total, limit = unit * batch.loads, batch.loads.size, unit * limit
-    largest = np.where(batch.within, unit * batch.largest_load(span), np.inf)
-    largest = np.broadcast_to(largest[:, None], loads.shape)
-    within = batch.within[:, None]
-    over = ~((loads >= 0.0) & (loads <= largest))
-    found = {}
-    if np.any(over):
-        trained = f"{int(over.sum())} of {total} values"
-        found[LOAD] = f"p/M {_worst_load(loads[over], largest[over])}; {trained}"
-    beyond = within & ~over & (loads > limit[:, None])
-    if np.any(beyond):
-        at = np.unravel_index(int(np.argmax(np.where(beyond, loads, -1.0))), loads.shape)
-        found[LIMIT] = (
-            f"p/M reaches {loads[at]:.4g}, but the curve of that material is smooth only up to "
-            f"{limit[at[0]]:.4g}; {int(beyond.sum())} of {total} values"
-        )
-    return found
-
-
-def _worst_load(loads: Floats, largest: Floats) -> str:
-    known = ~np.isnan(loads)
-    if not np.any(known):
-        return "is not a number"
-    beyond = np.where(known, np.maximum(-loads, loads - largest), -np.inf)
-    worst = int(np.argmax(beyond))
-    upper = f" to {largest[worst]:.4g} for that material" if np.isfinite(largest[worst]) else ""
-    return f"reaches {loads[worst]:.4g}, trained from 0{upper}"
 
 
 def curvature_gradient(
@@ -177,7 +168,14 @@ def curvature_gradient(
     groups = np.where(answered, batch.groups, np.concatenate([[0.0], middle])[:, None])
     groups[0] = np.where(answered, batch.loads[:, 0], 0.0)
     scale = np.broadcast_to(inputs.linear_scale, batch.shape).ravel()
-    change, by_group = _by_groups(groups, terms, span)
+    at = coordinates(groups.T)
+    points = np.ascontiguousarray(at.points.T)
+    y = evaluate(_with_gradient(terms), points, points[0][:, None], points[SLACK][:, None])[:, :, 0]
+    gain = np.exp(y[0] + at.warp)
+    change = groups[0] * gain  # κ s L
+    by_group = np.einsum("an,nag->gn", y[1:], at.jacobian) + at.warp_gradient.T
+    by_group *= change
+    by_group[NAMES.index(LOAD)] += gain
     fields = _rates(inputs, batch.shape, groups)
     gradient = {}
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # where it is refused
@@ -210,19 +208,6 @@ def _with_gradient(terms: Terms) -> Terms:
     return stacked([first, *(first.derivative(axis) for axis in range(len(NAMES)))])
 
 
-def _by_groups(groups: Floats, terms: Terms, span: TrainingRange) -> tuple[Floats, Floats]:
-    """Return κ s L (n,) and its derivatives by load and groups (13, n)."""
-    at = coordinates(groups.T)
-    rows = np.ascontiguousarray(at.points.T)
-    phi = rows[SLACK][:, None]
-    y = evaluate(_with_gradient(terms), rows, rows[0][:, None], phi)[:, :, 0]
-    gain = np.exp(y[0] + at.warp)
-    by_group = np.einsum("an,nag->gn", y[1:], at.jacobian) + at.warp_gradient.T
-    by_group *= groups[0] * gain
-    by_group[NAMES.index(LOAD)] += gain
-    return groups[0] * gain, by_group
-
-
 def _rates(
     inputs: Inputs, shape: tuple[int, ...], groups: Floats
 ) -> dict[str, Mapping[str, Floats]]:
@@ -237,7 +222,14 @@ def _rates(
     modulus = c1 + SECOND * second
     one = np.ones(())
     with np.errstate(divide="ignore", invalid="ignore"):
-        by_modulus = _by_modulus(at, modulus)
+        # by M, with all else fixed
+        ratios = (LOAD, "second_invariant", "gravity_along", "gravity_up")
+        logarithms = [group.name for group in MATERIAL if group.name.startswith("log_")]
+        by_modulus = (
+            {name: -at[name] / modulus for name in ratios}
+            | dict.fromkeys(logarithms, -1.0 / modulus)
+            | {"softening": -0.5 * at["softening"] / modulus}
+        )
         weight = 1e-6 * scale / modulus
         rates: dict[str, Mapping[str, Floats]] = {
             "pressure": {LOAD: 1e-3 / modulus},
@@ -266,16 +258,319 @@ def _rates(
     return {name: by for name, by in rates.items() if getattr(inputs, name) is not None}
 
 
-def _by_modulus(at: Mapping[str, Floats], modulus: Floats) -> dict[str, Floats]:
-    """Return the derivatives of the groups by M, with all else fixed."""
-    ratios = (LOAD, "second_invariant", "gravity_along", "gravity_up")
-    logarithms = [group.name for group in MATERIAL if group.name.startswith("log_")]
-    return (
-        {name: -at[name] / modulus for name in ratios}
-        | dict.fromkeys(logarithms, -1.0 / modulus)
-        | {"softening": -0.5 * at["softening"] / modulus}
+# ---- the same, compiled: vectorised over rows, with its own exponential
+#
+# Rows are processed in blocks, one row per lane. The terms of a block are contracted over material
+# and causes as in `terms`, and at each load over the powers of φ, which leaves Chebyshev
+# coefficients along the load: of the outputs Y, of the derivatives of the first by load and φ, and
+# of the errors' logarithms. All are summed with one table of polynomials; what follows is written
+# without temporary arrays.
+
+_LOG2E = 1.0 / math.log(2.0)
+_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, the first with 32 spare bits
+_LN2_LOW = 1.90821492927058770002e-10
+_ROUNDING = 6755399441055744.0  # 1.5 · 2⁵²: adding it leaves the nearest whole number in low bits
+_LARGEST = 700.0  # largest exponent of a 64-bit number
+_F = tuple(1.0 / math.factorial(n) for n in range(14))
+
+
+@compiled
+def exponentials(values: Floats) -> None:  # pragma: no cover - compiled
+    """Replace values by their exponentials, as vectors: e^x = 2^n e^r with |r| ≤ ln 2/2.
+
+    Values are clipped to ±700. The Taylor series to r¹³ has an error of 4·10⁻¹⁸.
+    """
+    whole = np.empty(values.size)
+    bits = whole.view(np.int64)
+    for k in range(values.size):
+        x = min(max(values[k], -_LARGEST), _LARGEST)
+        shifted = x * _LOG2E + _ROUNDING
+        n = shifted - _ROUNDING
+        r = (x - n * _LN2_HIGH) - n * _LN2_LOW
+        # unrolled: an inner loop would prevent vectorisation
+        total = _F[13] * r + _F[12]
+        total = (((total * r + _F[11]) * r + _F[10]) * r + _F[9]) * r + _F[8]
+        total = (((total * r + _F[7]) * r + _F[6]) * r + _F[5]) * r + _F[4]
+        values[k] = (((total * r + _F[3]) * r + _F[2]) * r + _F[1]) * r + _F[0]
+        whole[k] = shifted
+    for k in range(values.size):
+        bits[k] = (bits[k] + 1023) << 52
+    for k in range(values.size):
+        values[k] *= whole[k]
+
+
+Y = 3  # outputs: curvature, bend angle, peak stretch
+VALUES = 7  # curvature, angle, stretch, slope and the standard errors of the first three
+DEGREES = 180.0 / math.pi
+_FROM_LOAD = 2.0 / LARGEST_WARPED
+_SUMS = Y + 1  # series summed together: the outputs, and one derivative
+
+# Offsets in the working space of a block, one number per row. It is one flat array with fixed
+# offsets, so that the compiler sees that they do not overlap and vectorises rows.
+_LOAD, _WARPED, _PHI, _KNOWN = 0, BLOCK, 2 * BLOCK, 3 * BLOCK
+_LARGEST_LOAD, _STRETCHING, _SLACK = 4 * BLOCK, 5 * BLOCK, 6 * BLOCK
+_GIVE, _OFFSET, _BENDING = 7 * BLOCK, 8 * BLOCK, 9 * BLOCK
+_OUT = 10 * BLOCK  # Y
+_BY_LOAD = _OUT + Y * BLOCK  # derivative of the first
+_ERROR = _OUT + _SUMS * BLOCK  # ln of squared relative standard errors
+_BY_PHI = _ERROR + Y * BLOCK  # derivative of the first output
+_END = _BY_PHI + BLOCK
+
+
+class Rows(NamedTuple):
+    """Quantities constant along the loads of a row.
+
+    Parameters
+    ----------
+    points : array, shape (11, n_rows)
+        Scaled material and causes, in the order of ``ROW_AXES``.
+    largest : array, shape (n_rows,)
+        p/M up to which the map is defined; below 0 where it is nowhere defined.
+    stretching : array, shape (n_rows,)
+        e^W.
+    slack, give : array, shape (n_rows,)
+        Slack strain s of the paper, and its strain over the load e/q.
+    offset : array, shape (n_rows,)
+        b, the load equivalent of mismatch and weight in the peak stretch.
+    bending : array, shape (n_rows,)
+        Curvature over bend angle, 1000/(L s) [1/m].
+    """
+
+    points: Floats
+    largest: Floats
+    stretching: Floats
+    slack: Floats
+    give: Floats
+    offset: Floats
+    bending: Floats
+
+
+@compiled
+def map_of_rows(
+    loads: Floats, rows: Rows, terms: Plan, errors: Plan, mesh_error: float
+) -> tuple[Floats, Flags]:  # pragma: no cover - compiled
+    """Return outputs with standard errors, (7, n_rows, n_columns), and where they are defined.
+
+    Parameters
+    ----------
+    loads : array, shape (n_rows, n_columns)
+        p/M [–].
+    rows : Rows
+        Rows of one material each.
+    terms, errors : Plan
+        Plans of Y, and of ln of the squared relative standard errors.
+    mesh_error : float
+        Relative standard error added to all of them.
+    """
+    n_rows, n_columns = loads.shape
+    out = np.empty((VALUES, n_rows, n_columns))
+    allowed = np.empty((n_rows, n_columns), np.bool_)
+    along = np.empty((terms.n_orders * terms.n_powers, Y, BLOCK))
+    along_errors = np.empty((errors.n_orders * errors.n_powers, Y, BLOCK))
+    series = np.zeros((_even(terms.n_orders), _SUMS, BLOCK))
+    by_phi = np.zeros((len(series), _SUMS, BLOCK))
+    error_series = np.zeros((_even(errors.n_orders), _SUMS, BLOCK))
+    polynomials = np.empty((max(len(series), len(error_series)), BLOCK))
+    work = np.zeros(_END + (_SUMS - 1) * BLOCK)
+    slack = terms.n_powers > 1 or errors.n_powers > 1
+    for first in range(0, n_rows, BLOCK):
+        count = min(BLOCK, n_rows - first)
+        _take(work, rows, first, count)
+        _contracted(along, rows.points, terms, first, count)
+        _contracted(along_errors, rows.points, errors, first, count)
+        for column in range(n_columns):
+            _place(work, loads, allowed, first, count, column)
+            if slack or column == 0:
+                _series(series, by_phi, along, work[_PHI:_KNOWN], terms)
+                _differentiate(series, terms.n_orders)
+                _series(error_series, by_phi[:0], along_errors, work[_PHI:_KNOWN], errors)
+            _tabulate(polynomials, work[_WARPED:_PHI])
+            if slack:
+                _sum(work[_BY_PHI:], by_phi, polynomials)
+            _sum(work[_OUT:_ERROR], series, polynomials)
+            _sum_errors(work[_ERROR:_BY_PHI], error_series, polynomials)
+            _finish(work, mesh_error)
+            _write(out, work, first, count, column)
+    return out, allowed
+
+
+@compiled
+def _even(count: int) -> int:  # pragma: no cover - compiled
+    """Return the next even number, at least 2: orders are summed in pairs."""
+    return max(2, count + count % 2)
+
+
+@compiled
+def _take(work: Floats, rows: Rows, first: int, count: int) -> None:  # pragma: no cover - compiled
+    """Copy row constants to the working space of a block."""
+    for lane in range(count):
+        row = first + lane
+        work[_LARGEST_LOAD + lane], work[_STRETCHING + lane] = (
+            rows.largest[row],
+            rows.stretching[row],
+        )
+        work[_SLACK + lane], work[_GIVE + lane] = rows.slack[row], rows.give[row]
+        work[_OFFSET + lane], work[_BENDING + lane] = rows.offset[row], rows.bending[row]
+
+
+@compiled
+def _contracted(
+    along: Floats, points: Floats, plan: Plan, first: int, count: int
+) -> None:  # pragma: no cover - compiled
+    """Contract the terms of a block of rows to coefficients along load and φ."""
+    table = np.empty((plan.starts[-1], BLOCK))
+    product = np.empty((plan.parents.shape[0], BLOCK))
+    fill(table, points, plan.starts, first, count)
+    contract(
+        along,
+        product,
+        table,
+        plan.parents,
+        plan.factors,
+        plan.products,
+        plan.slots,
+        plan.coefficients,
     )
 
+
+@compiled
+def _place(
+    work: Floats, loads: Floats, allowed: Flags, first: int, count: int, column: int
+) -> None:  # pragma: no cover - compiled
+    """Write load, warped load on [−1, 1] and φ of a column; the load is nan where refused."""
+    for lane in range(count):
+        load = loads[first + lane, column]
+        answered = 0.0 <= load <= work[_LARGEST_LOAD + lane]
+        allowed[first + lane, column] = answered
+        work[_KNOWN + lane] = load if answered else math.nan
+        work[_LOAD + lane] = load if answered else 0.0
+    for lane in range(BLOCK):
+        load, slack = work[_LOAD + lane], work[_SLACK + lane]
+        work[_WARPED + lane] = load * (_FROM_LOAD * work[_STRETCHING + lane]) - 1.0
+        # without slack the strain may be 0 as well
+        strain = slack + work[_GIVE + lane] * load
+        work[_PHI + lane] = slack / (strain if slack > 0.0 else 1.0)
+
+
+@compiled
+def _series(
+    series: Floats, by_phi: Floats, along: Floats, phi: Floats, plan: Plan
+) -> None:  # pragma: no cover - compiled
+    """Sum the powers of φ to series in the load, with the derivative of the first by φ if asked."""
+    n_orders = plan.n_orders
+    for n in range(n_orders):
+        series[n, :Y] = along[n]
+    by_phi[:, 0] = 0.0
+    power, before = np.ones(BLOCK), np.empty(BLOCK)
+    for m in range(1, plan.n_powers):
+        for lane in range(BLOCK):
+            before[lane] = m * power[lane]  # m φ^(m−1)
+            power[lane] *= phi[lane]
+        for n in range(n_orders):
+            slot = m * n_orders + n
+            for output in range(Y):
+                for lane in range(BLOCK):
+                    series[n, output, lane] += along[slot, output, lane] * power[lane]
+            if n < len(by_phi):
+                for lane in range(BLOCK):
+                    by_phi[n, 0, lane] += along[slot, 0, lane] * before[lane]
+
+
+@compiled
+def _differentiate(series: Floats, n_orders: int) -> None:  # pragma: no cover - compiled
+    """Write the Chebyshev series of the derivative of the first output by the load, as the last.
+
+    c'ₙ₋₁ = c'ₙ₊₁ + 2n cₙ, with c'₀ halved.
+    """
+    series[n_orders - 1, Y] = 0.0
+    for n in range(n_orders - 1, 0, -1):
+        half = 0.5 if n == 1 else 1.0
+        for lane in range(BLOCK):
+            above = series[n + 1, Y, lane] if n + 1 < n_orders else 0.0
+            series[n - 1, Y, lane] = half * (above + 2.0 * n * series[n, 0, lane])
+
+
+@compiled
+def _tabulate(polynomials: Floats, load: Floats) -> None:  # pragma: no cover - compiled
+    """Tabulate the Chebyshev polynomials of the load."""
+    polynomials[0, :] = 1.0
+    polynomials[1, :] = load
+    table = polynomials.reshape(-1)
+    for n in range(2, len(polynomials)):
+        three = table[(n - 2) * BLOCK : (n + 1) * BLOCK]
+        for lane in range(BLOCK):
+            three[2 * BLOCK + lane] = 2.0 * load[lane] * three[BLOCK + lane] - three[lane]
+
+
+@compiled
+def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: no cover - compiled
+    """Write the sums of four series in the load, two orders at a time."""
+    sums[: _SUMS * BLOCK] = 0.0
+    # a reshape would cost more than the sums of an order
+    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
+    for n in range(0, len(series), 2):
+        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
+        for lane in range(BLOCK):
+            even, odd = t[lane], t[BLOCK + lane]
+            sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd
+            sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
+            sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
+            sums[3 * BLOCK + lane] += c[3 * BLOCK + lane] * even + c[7 * BLOCK + lane] * odd
+
+
+@compiled
+def _sum_errors(
+    sums: Floats, series: Floats, polynomials: Floats
+) -> None:  # pragma: no cover - compiled
+    """Write the sums of the first three of four series in the load, two orders at a time."""
+    sums[: Y * BLOCK] = 0.0
+    # a reshape would cost more than the sums of an order
+    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
+    for n in range(0, len(series), 2):
+        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
+        for lane in range(BLOCK):
+            even, odd = t[lane], t[BLOCK + lane]
+            sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd
+            sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
+            sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
+
+
+@compiled
+def _finish(work: Floats, mesh_error: float) -> None:  # pragma: no cover - compiled
+    """Convert the sums of a column to outputs, slope and standard errors, in place."""
+    exponentials(work[_OUT:_BY_LOAD])
+    exponentials(work[_ERROR:_BY_PHI])
+    floor = mesh_error * mesh_error
+    for lane in range(BLOCK):
+        phi, known, stretching = work[_PHI + lane], work[_KNOWN + lane], work[_STRETCHING + lane]
+        growth = 1.0 + (work[_WARPED + lane] + 1.0) * work[_BY_LOAD + lane]
+        growth -= phi * (1.0 - phi) * work[_BY_PHI + lane]
+        curvature = known * stretching * work[_BENDING + lane] * work[_OUT + lane]
+        angle = known * stretching * DEGREES * work[_OUT + BLOCK + lane]
+        stretch = (known + work[_OFFSET + lane]) * stretching * work[_OUT + 2 * BLOCK + lane]
+        work[_OUT + lane] = curvature
+        work[_OUT + BLOCK + lane] = angle
+        work[_OUT + 2 * BLOCK + lane] = 1.0 + stretch
+        work[_BY_LOAD + lane] = curvature * growth
+        share, of_angle = work[_ERROR + lane], work[_ERROR + BLOCK + lane]
+        of_stretch = work[_ERROR + 2 * BLOCK + lane]
+        work[_ERROR + lane] = curvature * math.sqrt(share + floor)
+        work[_ERROR + BLOCK + lane] = angle * math.sqrt(of_angle + floor)
+        work[_ERROR + 2 * BLOCK + lane] = stretch * math.sqrt(of_stretch + floor)
+
+
+@compiled
+def _write(
+    out: Floats, work: Floats, first: int, count: int, column: int
+) -> None:  # pragma: no cover - compiled
+    """Copy the outputs of a column: the sums, now outputs and slope, and the standard errors."""
+    for k in range(VALUES):
+        place = work[_OUT + k * BLOCK : _OUT + (k + 1) * BLOCK]
+        for lane in range(count):
+            out[k, first + lane, column] = place[lane]
+
+
+# ---- the map
 
 OUTPUTS = ("curvature", "bend_angle", "peak_stretch")
 _MISMATCH, _ALONG, _UP = (
@@ -310,14 +605,6 @@ def _constants() -> Floats:
     """Return the constants of the coordinates: terms are meaningless with different ones."""
     warp = [WARP.get(group.name, (0.0, 0.0)) for group in GROUPS]
     return np.concatenate([np.ravel(warp), [LARGEST_WARPED, STRAIN, GIVE, GRAVITY_STRAIN]])
-
-
-def _are_parts(ranges: Floats) -> bool:
-    """Return whether low, high and neutral values, (12, 3), are parts of the known ranges."""
-    known = np.array([(g.low, g.high, g.neutral) for g in GROUPS])
-    within = (ranges[:, 0] >= known[:, 0]) & (ranges[:, 1] <= known[:, 1])
-    ordered = ranges[:, 0] <= ranges[:, 1]
-    return bool(np.all(within & ordered) and np.array_equal(ranges[:, 2], known[:, 2]))
 
 
 @dataclass(frozen=True)
@@ -472,7 +759,7 @@ class Surrogate:
             self.mesh_error,
         )
         if away is not None:
-            values = _departed(values, self._change((0, 1, 2), batch, rows, allowed, away))
+            values = self._change((0, 1, 2), batch, rows, allowed, away).applied(values)
         curvature, angle, stretch, slope, *sds = values.reshape(len(values), *batch.shape)
         demand, demand_sd = stretch, sds[2]
         if inputs.criterion != "principal_stretch":
@@ -498,8 +785,7 @@ class Surrogate:
         They are numbered as ``OUTPUTS``, ``MEASURES`` and the optional outputs.
         """
         assert self.departure is not None
-        loads = np.where(allowed, batch.loads, 0.0)
-        warped = loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
+        loads, warped = _warped(batch, rows, allowed)
         return self.departure.change(places, batch, away, warped, loads)
 
     def _further(
@@ -508,8 +794,7 @@ class Surrogate:
         """Return the requested output besides the shape; None if not trained."""
         if inputs.asked not in self.further:
             return None
-        trained, loads = self.further[inputs.asked], np.where(allowed, batch.loads, 0.0)
-        warped = loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
+        trained, (loads, warped) = self.further[inputs.asked], _warped(batch, rows, allowed)
         phi = batch.phi(loads)
         y, by_load, by_phi = evaluate(_along_load(trained.terms), batch.scaled, warped, phi)
         log_error = evaluate(trained.error, batch.scaled, warped, phi)[0]
@@ -521,25 +806,20 @@ class Surrogate:
             change = self._change((at,), batch, rows, allowed, away)
             y, growth = y + np.log(change.factor[0]), growth + change.growth
             log_error = np.log(np.exp(log_error) + change.variance[0])
-        size = self._size_of(inputs)
+        length = self.length * inputs.linear_scale
+        size = 2e-3 * length**3  # of both halves [ml or N]
+        if inputs.asked == "tip_force":
+            second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
+            size = 2.0 * length**2 * (inputs.c1 + SECOND * second)
         value = np.asarray(size * (known * np.exp(y)).reshape(batch.shape))
         sd = value * np.sqrt(np.exp(log_error) + self.mesh_error**2).reshape(batch.shape)
         return Further(value, value * growth.reshape(batch.shape), sd)
-
-    def _size_of(self, inputs: Inputs) -> Floats:
-        """Return the scale of the optional output for both halves [ml or N]."""
-        length = self.length * inputs.linear_scale
-        if inputs.asked == "cavity_volume":
-            return np.asarray(2e-3 * length**3)
-        second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
-        return np.asarray(2.0 * length**2 * (inputs.c1 + SECOND * second))
 
     def _demand(
         self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags, away: Floats | None
     ) -> tuple[Floats, Floats]:
         """Return the equally demanding uniaxial stretch by a criterion, and its error."""
-        loads = np.where(allowed, batch.loads, 0.0)
-        warped = loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
+        loads, warped = _warped(batch, rows, allowed)
         places, phi = needed(inputs.criterion), batch.phi(loads)
         y, log_error = (
             evaluate(_of_outputs(terms, places), batch.scaled, warped, phi)
@@ -586,7 +866,8 @@ class Surrogate:
             raise BayesdegError("derivatives are not available with changed dimensions")
         inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
-        gradient = curvature_gradient(inputs, batch, self._allowed(batch), self.terms, self.span)
+        allowed = (batch.loads >= 0.0) & (batch.loads <= self._largest(batch)[:, None])
+        gradient = curvature_gradient(inputs, batch, allowed, self.terms, self.span)
         by_given = self.units.by_given(gradient, inputs)
         return {name: value / self.length for name, value in by_given.items()}
 
@@ -654,7 +935,11 @@ class Surrogate:
         names = tuple(str(name) for name in arrays["groups"])
         ranges = np.asarray(arrays["ranges"], dtype=np.float64)
         constants = np.asarray(arrays["constants"], dtype=np.float64)
-        if names != tuple(group.name for group in GROUPS) or not _are_parts(ranges):
+        known = np.array([(g.low, g.high, g.neutral) for g in GROUPS])
+        ordered = [known[:, 0], ranges[:, 0], ranges[:, 1], known[:, 1]]
+        are_parts = all(np.all(low <= high) for low, high in pairwise(ordered))
+        are_parts = are_parts and np.array_equal(ranges[:, 2], known[:, 2])
+        if names != tuple(group.name for group in GROUPS) or not are_parts:
             raise ValueError("the emulator was trained with different groups than now")
         if not np.array_equal(constants, _constants()):
             raise ValueError("the emulator was trained in different coordinates than now")
@@ -711,10 +996,6 @@ class Surrogate:
         largest = np.minimum(self._limit_load(batch, away), batch.largest_load(self.span))
         return np.where(batch.within, largest, -1.0)
 
-    def _allowed(self, batch: Batch) -> Flags:
-        allowed: Flags = (batch.loads >= 0.0) & (batch.loads <= self._largest(batch)[:, None])
-        return allowed
-
     def _rows(self, inputs: Inputs, batch: Batch, largest: Floats) -> Rows:
         slack, give = batch.slack
         rows = batch.shape if len(batch.warp) == np.prod(batch.shape) else (*batch.shape[:-1], 1)
@@ -730,27 +1011,10 @@ class Surrogate:
         )
 
 
-def _departed(values: Floats, change: Change) -> Floats:
-    """Change curvature, bend angle, peak stretch, slope and three errors with the dimensions.
-
-    Parameters
-    ----------
-    values : array, shape (7, n_rows, n_columns)
-        Outputs of the map at its nominal dimensions.
-    change : Change
-        Change of the first three.
-    """
-    curvature, angle, stretch, slope, *sds = values
-    sizes = (curvature, angle, stretch - 1.0)
-    changed = [size * factor for size, factor in zip(sizes, change.factor, strict=True)]
-    return np.stack(
-        [
-            *changed[:2],
-            1.0 + changed[2],
-            change.factor[0] * (slope + curvature * change.growth),
-            *(change.sd(k, sd, size) for k, (sd, size) in enumerate(zip(sds, sizes, strict=True))),
-        ]
-    )
+def _warped(batch: Batch, rows: Rows, allowed: Flags) -> tuple[Floats, Floats]:
+    """Return p/M, 0 where refused, and the warped load on [−1, 1], each (n_rows, n_columns)."""
+    loads = np.where(allowed, batch.loads, 0.0)
+    return loads, loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
 
 
 def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> Prediction:

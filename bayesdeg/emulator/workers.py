@@ -219,7 +219,16 @@ def cluster_executor(address: str) -> Iterator[Executor]:
         If ``distributed`` is not installed, no scheduler answers, no worker joins it, or a worker
         lacks the finite element model or has a different version.
     """
-    client = _connected(address)
+    distributed = _distributed()
+    # a failed client, collected while the next one starts, would wait for its lock
+    gc.collect()
+    try:
+        client = distributed.Client(address, timeout=CONNECTING, set_as_default=False)
+    except (OSError, ValueError, TypeError) as fault:
+        raise BayesdegError(
+            f"no scheduler answers at {address!r} ({fault}); give the address printed by 'dask "
+            "scheduler', such as tcp://127.0.0.1:8786"
+        ) from fault
     try:
         _check_workers(client, address)
         yield ClusterExecutor(client, address)
@@ -310,19 +319,6 @@ def _distributed() -> Any:
         ) from fault
 
 
-def _connected(address: str) -> Any:
-    distributed = _distributed()
-    # a failed client, collected while the next one starts, would wait for its lock
-    gc.collect()
-    try:
-        return distributed.Client(address, timeout=CONNECTING, set_as_default=False)
-    except (OSError, ValueError, TypeError) as fault:
-        raise BayesdegError(
-            f"no scheduler answers at {address!r} ({fault}); give the address printed by 'dask "
-            "scheduler', such as tcp://127.0.0.1:8786"
-        ) from fault
-
-
 def _check_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=JOINING)
@@ -360,18 +356,11 @@ def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
         except BaseException:
             if executor is not None:
                 executor.shutdown(wait=False, cancel_futures=True)
-                _end_processes()
+                # They would end with this process, but not before they have started: a starting
+                # process would find its parent's locks gone and print a traceback.
+                for process in multiprocessing.active_children():
+                    process.kill()
             raise
-
-
-def _end_processes() -> None:
-    """End the processes started here.
-
-    They would end with this one, but not before they have started: a starting process would find
-    its parent's locks gone and print a traceback.
-    """
-    for process in multiprocessing.active_children():
-        process.kill()
 
 
 @contextmanager

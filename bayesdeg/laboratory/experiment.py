@@ -3,11 +3,10 @@
 Causes are applied as in `bayesdeg.inference.model`, but to the truth.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -91,10 +90,6 @@ def _tensile() -> pd.DataFrame:
     return _specimens("F").merge(points, how="cross")
 
 
-def _breaks() -> pd.DataFrame:
-    return _specimens("F")
-
-
 def _moisture() -> pd.DataFrame:
     pairs = [(time, film) for time in TIMES for film in range(1, FILMS_A_TIME + 1)]
     names = [f"M{time:02d}-{film}" for time, film in pairs]
@@ -167,7 +162,7 @@ class Design:
 
     actuator: pd.DataFrame = field(default_factory=_actuators)
     tensile: pd.DataFrame = field(default_factory=_tensile)
-    breaks: pd.DataFrame = field(default_factory=_breaks)
+    breaks: pd.DataFrame = field(default_factory=lambda: _specimens("F"))
     moisture: pd.DataFrame = field(default_factory=_moisture)
     shrinkage: pd.DataFrame = field(default_factory=_shrinkage)
     mixture: Mixture = field(default_factory=Mixture)
@@ -194,9 +189,6 @@ def design_of(study: Study) -> Design:
     study : Study
         The study as read.
 
-    Returns
-    -------
-    Design
 
     Examples
     --------
@@ -205,18 +197,44 @@ def design_of(study: Study) -> Design:
     >>> design_of(Study("s", Path("s"), moisture=table)).moisture["time_h"].tolist()
     [0.0, 7.0]
     """
+
+    def noted(
+        name: str, frame: pd.DataFrame, columns: Sequence[str], optional: Sequence[str]
+    ) -> pd.DataFrame:
+        recorded = study.recorded.get(name, frozenset())
+        also = [column for column in optional if column in recorded]
+        chosen = frame[[*SPECIMEN, *columns, *also]].reset_index(drop=True)
+        if "degradation_sd_pct" in recorded:
+            return chosen
+        return chosen.assign(degradation_sd_pct=np.nan)
+
+    pressures, force = ("pressure_kPa",), study.table(TIP_FORCES.name)
+    actuator, tensile = _actuators(), _tensile()
+    if study.actuator is not None:
+        tests = [test for _, test in study.actuator.groupby("specimen_id", sort=False)]
+        whole = pd.concat([_with_rest(test, tests) for test in tests], ignore_index=True)
+        actuator = noted("actuator", whole, pressures, _CONDITIONS)
+    if study.tensile is not None:
+        tensile = noted("tensile", study.tensile, ("mode", "stretch", "stress_measure"), _ROOM)
+    if study.breaks is not None:
+        breaks = noted("breaks", study.breaks, (), ())
+    else:
+        uniaxial = tensile.loc[tensile["mode"] == "uniaxial", list(SPECIMEN)]
+        breaks = uniaxial.drop_duplicates("specimen_id").reset_index(drop=True)
+    if force is not None:
+        force = noted(TIP_FORCES.name, force, pressures, _CONDITIONS)
+    moisture, shrinkage = _moisture(), _shrinkage()
+    if study.moisture is not None:
+        moisture = study.moisture[["film_id", "time_h"]].reset_index(drop=True)
+    if study.shrinkage is not None:
+        shrinkage = study.shrinkage[["film_id"]].reset_index(drop=True)
     recorded = study.recorded.get("actuator", frozenset())
-    of_films = study.recorded.get("tensile", frozenset())
-    noted = [column for column in _ROOM if column in of_films]
-    tensile = _table(study, "tensile", _tensile, ("mode", "stretch", "stress_measure", *noted))
-    uniaxial = tensile.loc[tensile["mode"] == "uniaxial", list(SPECIMEN)]
-    torn = uniaxial.drop_duplicates("specimen_id").reset_index(drop=True)
     return Design(
-        actuator=_actuator_table(study),
+        actuator=actuator,
         tensile=tensile,
-        breaks=_table(study, "breaks", lambda: torn, ()),
-        moisture=_films(study.moisture, ["film_id", "time_h"], _moisture),
-        shrinkage=_films(study.shrinkage, ["film_id"], _shrinkage),
+        breaks=breaks,
+        moisture=moisture,
+        shrinkage=shrinkage,
         mixture=study.settings.recipe.mixture,
         bend_angle=study.actuator is None or "bend_angle_deg" in recorded,
         cavity_volume="cavity_volume_ml" in recorded,
@@ -224,56 +242,12 @@ def design_of(study: Study) -> Design:
             study.settings.rupture_criterion,
             geometry_of_study(study.settings).volume / study.settings.film_volume_mm3,
         ),
-        force=_force_table(study),
+        force=force,
     )
 
 
-def _actuator_table(study: Study) -> pd.DataFrame:
-    if study.actuator is None:
-        return _actuators()
-    recorded = study.recorded.get("actuator", frozenset())
-    return _at_pressures(_completed(study.actuator), recorded)
-
-
-def _force_table(study: Study) -> pd.DataFrame | None:
-    name = TIP_FORCES.name
-    frame = study.table(name)
-    return None if frame is None else _at_pressures(frame, study.recorded.get(name, frozenset()))
-
-
-def _at_pressures(frame: pd.DataFrame, recorded: Collection[str]) -> pd.DataFrame:
-    optional = [column for column in _CONDITIONS if column in recorded]
-    return _chosen(frame, ("pressure_kPa", *optional), recorded)
-
-
-def _table(
-    study: Study, name: str, default: Callable[[], pd.DataFrame], columns: Sequence[str]
-) -> pd.DataFrame:
-    frame: pd.DataFrame | None = getattr(study, name)
-    if frame is None:
-        return default()
-    return _chosen(frame, columns, study.recorded.get(name, frozenset()))
-
-
-def _chosen(frame: pd.DataFrame, columns: Sequence[str], recorded: Collection[str]) -> pd.DataFrame:
-    chosen = frame[[*SPECIMEN, *columns]].reset_index(drop=True)
-    if "degradation_sd_pct" in recorded:
-        return chosen
-    return chosen.assign(degradation_sd_pct=np.nan)
-
-
-def _films(
-    frame: pd.DataFrame | None, columns: list[str], default: Callable[[], pd.DataFrame]
-) -> pd.DataFrame:
-    return default() if frame is None else frame[columns].reset_index(drop=True)
-
-
-def _completed(frame: pd.DataFrame) -> pd.DataFrame:
-    tests = [test for _, test in frame.groupby("specimen_id", sort=False)]
-    return pd.concat([_with_rest(test, tests) for test in tests], ignore_index=True)
-
-
 def _with_rest(test: pd.DataFrame, tests: list[pd.DataFrame]) -> pd.DataFrame:
+    """Return a test with the readings after a burst, of the longest one that begins alike."""
     if test["ruptured"].iloc[-1] != 1:
         return test
     steps = ["pressure_kPa", *_SCHEDULE]
@@ -308,8 +282,6 @@ def weigh_moisture(
         ``film_id``, ``time_h``.
     truth : Truth
         Course of degradation, moisture and its scatter.
-    generator : numpy.random.Generator
-        Random generator.
 
     Returns
     -------
@@ -343,8 +315,6 @@ def weigh_shrinkage(
         ``film_id``.
     truth : Truth
         Volume ratio, moisture, and their scatter.
-    generator : numpy.random.Generator
-        Random generator.
     mixture : Mixture, optional
         Poured mixture; default 2 : 1 : 8.
 
@@ -383,8 +353,6 @@ def tear_films(
         Its ``tensile`` and ``breaks``; a specimen in both is one film.
     truth : Truth
         Material, scatter, reading errors.
-    generator : numpy.random.Generator
-        Random generator.
     effects : sequence of HiddenEffect
         Effects hidden in the stresses, in the order of application.
 
@@ -435,7 +403,19 @@ def _stretch(
     constants = constants_of(films, truth)[where]
     stress = np.sum(yeoh_basis(stretch, mode, measure) * constants, axis=-1)
     level = films["degradation_pct"].to_numpy()[where]
-    tests = _film_conditions(table, stretch, level, batches)
+    names = table["specimen_id"].astype(str)
+    temperature: Floats = np.full(len(table), np.nan)
+    if "temperature_C" in table:
+        temperature = table["temperature_C"].to_numpy(np.float64)
+    batch_of = dict(zip(names.drop_duplicates(), batch_numbers(table, batches), strict=True))
+    tests = FilmConditions(
+        stretch[:, None],
+        mode,
+        measure[:, None] == "cauchy",
+        level,
+        temperature,
+        names.map(batch_of).to_numpy(np.int64),
+    )
     column = stress[None, :, None]
     stress = applied("on_stress", column, tests, _acting(effects), constants[None])[0, :, 0]
     z = correlate_along(
@@ -456,25 +436,6 @@ def _stretch(
     whole = (mode != "uniaxial") | (stretch < limit)
     kept: pd.DataFrame = read.loc[whole]
     return kept.reset_index(drop=True)
-
-
-def _film_conditions(
-    table: pd.DataFrame, stretch: Floats, degradation: Floats, batches: Sequence[str]
-) -> FilmConditions:
-    """Return conditions of film tests, one row per reading."""
-    names = table["specimen_id"].astype(str)
-    temperature: Floats = np.full(len(table), np.nan)
-    if "temperature_C" in table:
-        temperature = table["temperature_C"].to_numpy(np.float64)
-    of = dict(zip(names.drop_duplicates(), batch_numbers(table, batches), strict=True))
-    return FilmConditions(
-        stretch[:, None],
-        table["mode"].to_numpy(str),
-        table["stress_measure"].to_numpy(str)[:, None] == "cauchy",
-        degradation,
-        temperature,
-        names.map(of).to_numpy(np.int64),
-    )
 
 
 class _Plan(NamedTuple):
@@ -556,9 +517,37 @@ def _tested(
     asked: Asked,
 ) -> _Tested:
     """Draw the specimens of a plan and inflate them."""
-    specimens = _drawn(plan, truth, effects, generator, scatter_law(breaking.criterion))
-    met = partial(_demanded, forward, breaking, np.array(truth.elongation_scatter))
-    prediction = _predict(plan, truth, effects, met, constants_of(specimens, truth), asked)
+    law, causes = scatter_law(breaking.criterion), _acting(effects)
+    state = Degradation(plan.conditions.degradation, plan.degradation_sd)
+    state = applied("on_degradation", state, plan.conditions, causes)
+    believed, sd = (
+        np.broadcast_to(v, (1, len(plan.names), 1))[0, :, 0] for v in (state.value, state.sd)
+    )
+    specimens = draw_specimens(
+        plan.names, truth, degradation=believed, sd=sd, generator=generator, law=law
+    )
+    specimens = _weakened(specimens, truth, effects, plan.conditions.room_humidity, law)
+    constants = constants_of(specimens, truth)
+    c1, c2, c3 = (constants[None, :, i, None] for i in range(3))
+    inputs = Inputs(
+        pressure=plan.conditions.pressure,
+        c1=c1,
+        c2=c2,
+        c3=c3,
+        linear_scale=np.full((1, 1, 1), np.cbrt(truth.volume_ratio)),
+        paper_stiffness=np.full((1, 1, 1), truth.paper_stiffness),
+        paper_thickness=np.full((1, 1, 1), truth.paper_thickness),
+        asked=asked,
+    )
+    prediction = demanded(
+        forward,
+        applied("on_inputs", inputs, plan.conditions, causes),
+        breaking.criterion,
+        scatter=np.array(truth.elongation_scatter),
+        size_ratio=breaking.size_ratio,
+    )
+    prediction = applied("on_reading", prediction, plan.conditions, causes)
+    prediction = _without_walkers(prediction, plan.mask.shape)
     limit = specimens["limit_stretch"].to_numpy()[:, None]
     burst = (prediction.status != int(Status.CONVERGED)) | (prediction.peak_stretch > limit)
     return _Tested(specimens, prediction, burst)
@@ -595,18 +584,10 @@ def press_tips(
     ----------
     table : pandas.DataFrame
         ``Design.force``.
-    truth : Truth
-        Material, scatter, reading errors.
-    effects : sequence of HiddenEffect
-        Hidden effects, in the order of application.
     forward : ForwardMap
         The mechanics, including ``tip_force``.
-    generator : numpy.random.Generator
-        Random generator.
-    breaking : Breaking
-        Definition of the peak stretch.
-    batches : sequence of str
-        From `bayesdeg.data.batches.batch_order`.
+    truth, effects, generator, breaking, batches
+        As in `inflate_actuators`.
 
     Returns
     -------
@@ -671,8 +652,6 @@ def read_actuators(
         Reading errors.
     bent : Bent
         Responses of the specimens, in order of first appearance in the table.
-    generator : numpy.random.Generator
-        Random generator.
 
     Returns
     -------
@@ -683,7 +662,10 @@ def read_actuators(
     reached = (np.cumsum(bent.burst, axis=1) - bent.burst == 0)[plan.mask]
     over, curvature, angle = bent.burst[plan.mask], bent.curvature[plan.mask], bent.angle[plan.mask]
     counted = plan.rows["pressure_kPa"].to_numpy() != 0.0
-    known, known_angle = (_known_sd(plan.rows, name) for name in _ERRORS)
+    known, known_angle = (
+        plan.rows[name].fillna(0.0).to_numpy(np.float64) if name in plan.rows else 0.0
+        for name in _ERRORS
+    )
     floor = np.hypot(truth.curvature_noise_floor, known)
     angle_floor = np.hypot(truth.bend_angle_noise_floor, known_angle)
     z, y = _normals(plan.rows, truth, generator)
@@ -695,18 +677,13 @@ def read_actuators(
         ruptured=over.astype(np.int64),
     )
     if bent.volume is not None:
-        swept = bent.volume[plan.mask] + counted * _volume_error(plan, truth, bent, generator)
+        swept = bent.volume[plan.mask]
+        z, _ = _normals(plan.rows, truth, generator)  # after those of curvature and angle
+        at_rest = np.full(len(plan.rows), truth.volume_noise_floor)
+        swept = swept + counted * noise(swept, z, floor=at_rest, share=truth.volume_noise)
         readings = readings.assign(cavity_volume_ml=np.where(over, np.nan, swept).round(5))
     kept: pd.DataFrame = readings.loc[reached]
     return kept.reset_index(drop=True)
-
-
-def _volume_error(plan: _Plan, truth: Truth, bent: Bent, generator: np.random.Generator) -> Floats:
-    """Draw the errors of volumes, after those of curvature and angle [ml]."""
-    assert bent.volume is not None
-    z, _ = _normals(plan.rows, truth, generator)
-    floor = np.full(len(plan.rows), truth.volume_noise_floor)
-    return noise(bent.volume[plan.mask], z, floor=floor, share=truth.volume_noise)
 
 
 def _plan(table: pd.DataFrame, truth: Truth, batches: Sequence[str] = ()) -> _Plan:
@@ -720,25 +697,7 @@ def _plan(table: pd.DataFrame, truth: Truth, batches: Sequence[str] = ()) -> _Pl
     pressure = np.stack(
         [t["pressure_kPa"].to_numpy(np.float64)[i] for t, i in zip(tests, steps, strict=True)]
     )
-    return _Plan(
-        rows,
-        first["specimen_id"],
-        replace(_conditions(tests, steps, pressure), batch=batch_numbers(rows, batches)[:, None]),
-        first["degradation_sd_pct"].to_numpy(np.float64)[:, None],
-        np.arange(size) < np.array([[len(test)] for test in tests]),
-    )
 
-
-def _known_sd(rows: pd.DataFrame, name: str) -> Floats:
-    """Return the recorded errors of readings; 0 where there is none."""
-    if name not in rows:
-        return np.zeros(len(rows))
-    return rows[name].fillna(0.0).to_numpy(np.float64)
-
-
-def _conditions(
-    tests: list[pd.DataFrame], steps: list[npt.NDArray[np.intp]], pressure: Floats
-) -> Conditions:
     def recorded(name: str, default: object) -> npt.NDArray[np.generic]:
         return np.stack(
             [
@@ -747,7 +706,7 @@ def _conditions(
             ]
         )
 
-    return Conditions(
+    conditions = Conditions(
         pressure,
         np.array([[float(t["degradation_pct"].iloc[0])] for t in tests]),
         time=recorded("time_s", np.nan).astype(np.float64),
@@ -756,32 +715,15 @@ def _conditions(
         humidity=recorded("humidity_pct", np.nan).astype(np.float64),
         mount=recorded("mount", "horizontal").astype(str),
         temperature=recorded("temperature_C", np.nan).astype(np.float64),
+        batch=batch_numbers(rows, batches)[:, None],
     )
-
-
-def _demanded(
-    forward: ForwardMap, breaking: Breaking, scatter: Floats, inputs: Inputs
-) -> Prediction:
-    """Evaluate a forward map, with the peak stretch as defined by the criterion."""
-    criterion, size_ratio = breaking
-    return demanded(forward, inputs, criterion, scatter=scatter, size_ratio=size_ratio)
-
-
-def _drawn(
-    plan: _Plan,
-    truth: Truth,
-    effects: Sequence[HiddenEffect],
-    generator: np.random.Generator,
-    law: ScatterLaw,
-) -> pd.DataFrame:
-    state = Degradation(plan.conditions.degradation, plan.degradation_sd)
-    state = applied("on_degradation", state, plan.conditions, _acting(effects))
-    count = len(plan.names)
-    value, sd = (np.broadcast_to(v, (1, count, 1))[0, :, 0] for v in (state.value, state.sd))
-    drawn = draw_specimens(
-        plan.names, truth, degradation=value, sd=sd, generator=generator, law=law
+    return _Plan(
+        rows,
+        first["specimen_id"],
+        conditions,
+        first["degradation_sd_pct"].to_numpy(np.float64)[:, None],
+        np.arange(size) < np.array([[len(test)] for test in tests]),
     )
-    return _weakened(drawn, truth, effects, plan.conditions.room_humidity, law)
 
 
 def _acting(effects: Sequence[HiddenEffect]) -> tuple[Acting, ...]:
@@ -814,50 +756,15 @@ def _weakened(
     return specimens.assign(limit_stretch=1.0 + strength.limit(z)[0])
 
 
-def _predict(
-    plan: _Plan,
-    truth: Truth,
-    effects: Sequence[HiddenEffect],
-    forward: ForwardMap,
-    constants: Floats,
-    asked: Asked = "",
-) -> Prediction:
-    c1, c2, c3 = (constants[None, :, i, None] for i in range(3))
-    inputs = Inputs(
-        pressure=plan.conditions.pressure,
-        c1=c1,
-        c2=c2,
-        c3=c3,
-        linear_scale=np.full((1, 1, 1), np.cbrt(truth.volume_ratio)),
-        paper_stiffness=np.full((1, 1, 1), truth.paper_stiffness),
-        paper_thickness=np.full((1, 1, 1), truth.paper_thickness),
-        asked=asked,
-    )
-    causes = _acting(effects)
-    prediction = forward(applied("on_inputs", inputs, plan.conditions, causes))
-    prediction = applied("on_reading", prediction, plan.conditions, causes)
-    return _without_walkers(prediction, plan.mask.shape)
-
-
 def _without_walkers(prediction: Prediction, shape: tuple[int, ...]) -> Prediction:
     def only(values: Floats) -> Floats:
         return np.broadcast_to(values, (1, *shape)).reshape(shape)
 
-    return Prediction(
-        only(prediction.curvature),
-        only(prediction.bend_angle),
-        only(prediction.peak_stretch),
-        only(prediction.slope),
-        only(prediction.sd),
-        only(prediction.bend_angle_sd),
-        only(prediction.peak_stretch_sd),
-        np.broadcast_to(prediction.status, (1, *shape)).reshape(shape),
-        further=(
-            None
-            if prediction.further is None
-            else Further(*map(only, vars(prediction.further).values()))
-        ),
-    )
+    further = prediction.further
+    fields = vars(prediction).items()
+    read: dict[str, Any] = {n: only(v) for n, v in fields if n not in ("excess", "further")}
+    swept = None if further is None else Further(*map(only, vars(further).values()))
+    return Prediction(**read, further=swept)
 
 
 def _normals(
@@ -936,14 +843,9 @@ def run_experiment(
     forward : ForwardMap
         The mechanics, called once for all actuators; the fine finite element model if the
         experiment replaces a real one.
-    generator : numpy.random.Generator
-        Random generator.
     effects : sequence of HiddenEffect
         Effects hidden in actuators and in the stresses of films.
 
-    Returns
-    -------
-    VirtualExperiment
     """
     by_name = {hidden.cause.name: hidden for hidden in effects}
     ordered = tuple(by_name[c.name] for c in in_order(h.cause for h in by_name.values()))
@@ -952,8 +854,7 @@ def run_experiment(
 
     def inflate(source: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
         return inflate_actuators(
-            design.actuator,
-            truth,
+            *(design.actuator, truth),
             effects=ordered,
             forward=forward,
             generator=source,
@@ -962,14 +863,10 @@ def run_experiment(
             batches=batches,
         )
 
-    force = design.force
-    if force is None:
-        return experiment_with(design, truth, inflate, generator, ordered)
-
     def press(source: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
+        assert design.force is not None
         return press_tips(
-            force,
-            truth,
+            *(design.force, truth),
             effects=ordered,
             forward=forward,
             generator=source,
@@ -977,7 +874,8 @@ def run_experiment(
             batches=batches,
         )
 
-    return experiment_with(design, truth, inflate, generator, ordered, press=press)
+    tips = None if design.force is None else press
+    return experiment_with(design, truth, inflate, generator, ordered, press=tips)
 
 
 def experiment_with(
@@ -1019,9 +917,8 @@ def experiment_with(
     if press is not None:
         [source] = generator.spawn(1)  # after all others, so that these do not change
         tables[TIP_FORCES.name], blocked = press(source)
-    tables = {name: _in_order_of_contract(name, table) for name, table in tables.items()}
+    tables = {
+        name: table[[column for column in VIRTUAL_TABLES[name].columns if column in table]]
+        for name, table in tables.items()
+    }
     return VirtualExperiment(tables, truth, effects, actuators, films, blocked)
-
-
-def _in_order_of_contract(name: str, table: pd.DataFrame) -> pd.DataFrame:
-    return table[[column for column in VIRTUAL_TABLES[name].columns if column in table]]

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.data.cells import Cells, read_cells, read_number
+from bayesdeg.data.cells import read_cells, read_number
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import parse_json
 from bayesdeg.records import FileRecord, Names, NeededText, Number, Numbers, Record, RecordError
@@ -208,16 +208,30 @@ def _sound[T: (HiddenAnswer, HiddenTruth)](
     faults: list[Fault],
 ) -> tuple[T, ...]:
     """Return the records of rows, one per study; raise an error with all their faults."""
-    found: list[tuple[int, T]] = []
+    found: list[T] = []
+    first: dict[str, int] = {}
+    twice: list[Fault] = []
     for row, content in rows:
-        record = _record(kind, content, file, row, faults)
-        if record is not None:
-            faults += wrong(record, file, row)
-            found.append((row, record))
-    faults += _twice(((row, record.study) for row, record in found), file)
+        try:
+            record = kind.read(content)
+        except RecordError as fault:
+            faults.append(Fault(file, str(fault), "correct it", row))
+            continue
+        except ValidationError as fault:
+            faults.append(Fault(file, str(fault.errors()[0]["msg"]), "correct it", row))
+            continue
+        faults += wrong(record, file, row)
+        found.append(record)
+        if record.study in first:
+            problem = f"is also on row {first[record.study]}"
+            twice.append(Fault(file, problem, "keep one row per study", row, "study", record.study))
+        first.setdefault(record.study, row)
+    faults += twice
+    if not first:
+        faults.append(Fault(file, "has no study", "give one row per study"))
     if faults:
         raise StudyError(faults)
-    return tuple(record for _, record in found)
+    return tuple(found)
 
 
 def lines_of(records: Iterable[FileRecord]) -> str:
@@ -232,15 +246,7 @@ def lines_of(records: Iterable[FileRecord]) -> str:
 
 
 def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Iterator[Fault]:
-    """Yield contradictions in a well-formed answer.
-
-    Parameters
-    ----------
-    answer : HiddenAnswer
-        The answer as read.
-    file, row
-        Its place, for the faults.
-    """
+    """Yield contradictions in a well-formed answer; file and row are its place, for the faults."""
 
     def fault(column: str, value: object, problem: str, remedy: str) -> Fault:
         return Fault(file, problem, remedy, row, column, str(value))
@@ -273,18 +279,16 @@ def wrong_answer(answer: HiddenAnswer, file: str, row: int | None = None) -> Ite
         if name not in CATALOGUE:
             yield fault("probabilities", name, "is not a cause", use_one_of(name, CATALOGUE))
     for name, size in answer.sizes.items():
-        yield from (fault("sizes", name, *why) for why in _wrong_size(name, size))
-
-
-def _wrong_size(name: str, size: StatedSize) -> Iterator[tuple[str, str]]:
-    cause, _, parameter = name.partition(".")
-    known = [p.name for p in CATALOGUE[cause].parameters] if cause in CATALOGUE else []
-    if not known:
-        yield "is not of a known cause", use_one_of(cause, CATALOGUE)
-    elif parameter not in known:
-        yield "is not a parameter of this cause", use_one_of(parameter, known)
-    if size.q05 is None or size.q95 is None or size.q05 > size.q95:
-        yield "has no interval", f"give q05 and q95, with q05 ≤ q95; {_AS_SIZE}"
+        cause, _, parameter = name.partition(".")
+        known = [p.name for p in CATALOGUE[cause].parameters] if cause in CATALOGUE else []
+        if not known:
+            yield fault("sizes", name, "is not of a known cause", use_one_of(cause, CATALOGUE))
+        elif parameter not in known:
+            remedy = use_one_of(parameter, known)
+            yield fault("sizes", name, "is not a parameter of this cause", remedy)
+        if size.q05 is None or size.q95 is None or size.q05 > size.q95:
+            remedy = f"give q05 and q95, with q05 ≤ q95; {_AS_SIZE}"
+            yield fault("sizes", name, "has no interval", remedy)
 
 
 def _wrong_truth(truth: HiddenTruth, file: str, row: int) -> Iterator[Fault]:
@@ -297,31 +301,8 @@ def _wrong_truth(truth: HiddenTruth, file: str, row: int) -> Iterator[Fault]:
         yield Fault(file, "does not fit what is hidden", remedy, row, "origin", truth.origin)
 
 
-def _twice(rows: Iterable[tuple[int, str]], file: str) -> Iterator[Fault]:
-    first: dict[str, int] = {}
-    for row, study in rows:
-        if study in first:
-            problem = f"is also on row {first[study]}"
-            yield Fault(file, problem, "keep one row per study", row, "study", study)
-        first.setdefault(study, row)
-    if not first:
-        yield Fault(file, "has no study", "give one row per study")
-
-
-def _record[Kind: FileRecord](
-    kind: type[Kind], content: object, file: str, row: int, faults: list[Fault]
-) -> Kind | None:
-    """Return a record, or add its fault."""
-    try:
-        return kind.read(content)
-    except RecordError as fault:
-        faults.append(Fault(file, str(fault), "correct it", row))
-    except ValidationError as fault:
-        faults.append(Fault(file, str(fault.errors()[0]["msg"]), "correct it", row))
-    return None
-
-
 def _rows(content: bytes, file: str, faults: list[Fault]) -> Iterator[tuple[int, object]]:
+    """Yield the rows of JSON lines, or CSV rows as equivalent objects, without faults."""
     if file.lower().endswith(JSON_LINES):
         yield from _lines(content, file, faults)
         return
@@ -329,49 +310,31 @@ def _rows(content: bytes, file: str, faults: list[Fault]) -> Iterator[tuple[int,
     faults += wrong
     if cells is None:
         return
-    header = _wrong_header(cells)
-    faults += header
-    if not header:
-        for row, texts in cells.texts.iterrows():
-            yield from _of_cells(
-                cells.file, int(str(row)), {str(k): str(v) for k, v in texts.items()}, faults
-            )
-
-
-def _wrong_header(cells: Cells) -> list[Fault]:
-    names = [str(name) for name in cells.texts.columns]
-    missing = [
-        Fault(cells.file, "is missing", f"add it; the columns are {', '.join(COLUMNS)}",
-              cells.header_row, name)
-        for name in NEEDED
-        if name not in names and nearest(name, names) is None
-    ]  # fmt: skip
-    unknown = [
-        Fault(cells.file, "is not a column of answers", use_one_of(name, COLUMNS),
-              cells.header_row, name)
+    file, names = cells.file, [str(name) for name in cells.texts.columns]
+    header = [
+        Fault(file, "is not a column of answers", use_one_of(name, COLUMNS), cells.header_row, name)
         for name in names
         if name not in COLUMNS
-    ]  # fmt: skip
-    return [*unknown, *missing]
-
-
-def _of_cells(
-    file: str, row: int, texts: Mapping[str, str], faults: list[Fault]
-) -> Iterator[tuple[int, object]]:
-    """Yield a CSV row as the equivalent JSON object; nothing if it has a fault."""
-    found: dict[str, object] = {}
-    wrong = []
-    for name in COLUMNS:
-        key, parse = _PARSED[name]
-        text = str(texts.get(name, ""))
-        try:
-            found[key] = parse(text)
-        except ValueError as fault:
-            problem, _, remedy = str(fault).partition("; ")
-            wrong.append(Fault(file, problem, remedy, row, name, text))
-    faults += wrong
-    if not wrong:
-        yield row, found
+    ]
+    remedy = f"add it; the columns are {', '.join(COLUMNS)}"
+    header += [
+        Fault(file, "is missing", remedy, cells.header_row, name)
+        for name in NEEDED
+        if name not in names and nearest(name, names) is None
+    ]
+    faults += header
+    for index, texts in cells.texts.iterrows() if not header else ():
+        row, found = int(str(index)), dict[str, object]()
+        known = {str(name): str(text) for name, text in texts.items()}
+        for name, (key, parse) in _PARSED.items():
+            text = known.get(name, "")
+            try:
+                found[key] = parse(text)
+            except ValueError as fault:
+                problem, _, remedy = str(fault).partition("; ")
+                faults.append(Fault(file, problem, remedy, row, name, text))
+        if len(found) == len(_PARSED):
+            yield row, found
 
 
 def _needed(text: str) -> str:
@@ -403,10 +366,6 @@ def _by_name(text: str, remedy: str) -> Iterator[tuple[str, str]]:
         yield name, value
 
 
-def _probabilities(text: str) -> dict[str, float | None]:
-    return {name: _number(value) for name, value in _by_name(text, _AS_PROBABILITY)}
-
-
 def _sizes(text: str) -> dict[str, dict[str, float | None]]:
     found = {}
     for name, value in _by_name(text, _AS_SIZE):
@@ -424,7 +383,10 @@ _PARSED: Mapping[str, tuple[str, Callable[[str], object]]] = {
     "causes": ("sets", parse_sets),
     "p_value": ("p_value", _number),
     "sizes": ("sizes", _sizes),
-    "probabilities": ("probabilities", _probabilities),
+    "probabilities": (
+        "probabilities",
+        lambda text: {name: _number(one) for name, one in _by_name(text, _AS_PROBABILITY)},
+    ),
 }
 """By column: the key of the record, and the reader of the cell."""
 

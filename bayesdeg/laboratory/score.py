@@ -234,14 +234,7 @@ def said(answer: HiddenAnswer, truth: HiddenTruth) -> str:
 def score(answers: Iterable[HiddenAnswer], truths: Iterable[HiddenTruth], file: str = "") -> Score:
     """Score a method's answers to all studies.
 
-    Parameters
-    ----------
-    answers : iterable of HiddenAnswer
-        One per study, in any order.
-    truths : iterable of HiddenTruth
-        The truths.
-    file : str
-        Source of the answers, for faults.
+    There is one answer per study, in any order; ``file`` is their source, for faults.
 
     Raises
     ------
@@ -259,51 +252,46 @@ def score(answers: Iterable[HiddenAnswer], truths: Iterable[HiddenTruth], file: 
     >>> found.credit.share, found.share("right").share, found.causes_said
     (0.75, 1.0, 2.0)
     """
-    pairs = _paired(tuple(answers), tuple(truths), file or "answers")
+    said_of = {answer.study: answer for answer in answers}
+    wanted = tuple(truths)
+    known = [truth.study for truth in wanted]
+    unanswered = [name for name in known if name not in said_of]
+    faults = [
+        *_listed(file or "answers", "has no answer", "answer every study", unanswered),
+        *_listed(
+            *(file or "answers", "is not a study of the truths"),
+            *("answer the studies of the data set", sorted(set(said_of) - set(known))),
+        ),
+    ]
+    if faults:
+        raise StudyError(faults)
+    pairs = [(said_of[truth.study], truth) for truth in wanted]
+    counts = [
+        (
+            len(set().union(*answer.alternatives))
+            if answer.alternatives
+            else sum(map(len, answer.sets))
+        )
+        / len(truth.hidden)
+        for answer, truth in pairs
+        if truth.hidden and not truth.is_outside and is_right(answer, truth)
+    ]
     return Score(
         studies=len(pairs),
         credit=_part("credit", "right, over the number of combinations said", pairs, credit),
         shares=tuple(_shares(pairs)),
-        causes_said=_causes_said(pairs),
+        causes_said=mean(counts) if counts else None,
         sizes=_sizes(pairs),
         probabilities=_probabilities(pairs),
         matrix=_matrix(pairs),
     )
 
 
-def _paired(
-    answers: Sequence[HiddenAnswer], truths: Sequence[HiddenTruth], file: str
-) -> list[Pair]:
-    said_of = {answer.study: answer for answer in answers}
-    known = [truth.study for truth in truths]
-    faults = [
-        *_listed(
-            file, "has no answer", "answer every study", [n for n in known if n not in said_of]
-        ),
-        *_listed(
-            *(file, "is not a study of the truths", "answer the studies of the data set"),
-            sorted(set(said_of) - set(known)),
-        ),
-    ]
-    if faults:
-        raise StudyError(faults)
-    return [(said_of[truth.study], truth) for truth in truths]
-
-
 def _listed(file: str, problem: str, remedy: str, studies: Sequence[str]) -> Iterator[Fault]:
     for study in studies[:MOST_LISTED]:
         yield Fault(file, problem, remedy, column="study", value=study)
-    if left := len(studies) - MOST_LISTED if len(studies) > MOST_LISTED else 0:
+    if (left := len(studies) - MOST_LISTED) > 0:
         yield Fault(file, f"{problem}, like {left} more", remedy, column="study")
-
-
-def _kind(truth: HiddenTruth) -> str:
-    """Return the row of the isolability matrix."""
-    if truth.is_outside:
-        return OUTSIDE
-    if not truth.hidden:
-        return NOTHING
-    return truth.causes[0] if len(truth.causes) == 1 else TWO
 
 
 def _shares(pairs: Sequence[Pair]) -> Iterator[ScoredShare]:
@@ -339,8 +327,13 @@ def _shares(pairs: Sequence[Pair]) -> Iterator[ScoredShare]:
         _part("none_said", "causes said where nothing is hidden", none, names_absent_cause),
         _part("outside_unexplained", "unexplained, of effects without entry", outside, is_right),
         _part("outside_said", "causes said for effects without entry", outside, names_absent_cause),
-        _part("of_several", "a set of several said", pairs, _of_several),
-        _part("none_rejected", "p of 0.05 and less where nothing is hidden", tested, _rejected),
+        _part("of_several", "a set of several said", pairs, lambda a, _: len(said_by(a)) > 1),
+        _part(
+            "none_rejected",
+            "p of 0.05 and less where nothing is hidden",
+            tested,
+            lambda a, _: (1.0 if a.p_value is None else a.p_value) <= REJECTED,
+        ),
     )
 
 
@@ -361,33 +354,10 @@ def _alone(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
     return credit(answer, truth) == 1.0
 
 
-def _of_several(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
-    return len(said_by(answer)) > 1
-
-
-def _rejected(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
-    return answer.p_value is not None and answer.p_value <= REJECTED
-
-
 def _least(truth: HiddenTruth) -> float | None:
     """Return the visibility of the weakest hidden effect; None if unknown."""
     known = [size for size in truth.visible.values() if size is not None]
     return min(known, default=None)
-
-
-def _causes_said(pairs: Sequence[Pair]) -> float | None:
-    counts = [
-        _said_in_all(answer) / len(truth.hidden)
-        for answer, truth in pairs
-        if truth.hidden and not truth.is_outside and is_right(answer, truth)
-    ]
-    return mean(counts) if counts else None
-
-
-def _said_in_all(answer: HiddenAnswer) -> int:
-    if answer.alternatives:
-        return len(set().union(*answer.alternatives))
-    return sum(map(len, answer.sets))
 
 
 def _sizes(pairs: Sequence[Pair]) -> ScoredSizes | None:
@@ -430,7 +400,9 @@ def _brier(probabilities: Mapping[str, float], truth: HiddenTruth) -> float:
 def _matrix(pairs: Sequence[Pair]) -> dict[str, Numbers]:
     counts: dict[str, Counter[str]] = {}
     for answer, truth in pairs:
-        counts.setdefault(_kind(truth), Counter())[said(answer, truth)] += 1
+        row = truth.causes[0] if len(truth.causes) == 1 else TWO if truth.hidden else NOTHING
+        row = OUTSIDE if truth.is_outside else row
+        counts.setdefault(row, Counter())[said(answer, truth)] += 1
     rows = (*CATALOGUE, TWO, OUTSIDE, NOTHING)
     return {
         row: {column: counts[row][column] for column in SAID if counts[row][column]}

@@ -188,37 +188,24 @@ def drawn_truth(generator: np.random.Generator) -> Truth:
     each node, 0.04 of the volume ratio, 0.4 of the log stiffness of the paper. A third is redrawn,
     which leaves 0.21 of ln C3 at 12.5 and 25 %, and shifts its mean there by ±0.1.
 
-    Parameters
-    ----------
-    generator : numpy.random.Generator
-        Random generator.
-
-    Returns
-    -------
-    Truth
-
     Examples
     --------
     >>> drawn_truth(np.random.default_rng(1)).is_stable()
     True
     """
+    centre = Truth()
     while True:
-        truth = _draw(generator)
+        z = generator.standard_normal(11)
+        truth = replace(
+            centre,
+            c1=_three(np.array(centre.c1) * np.exp(0.15 * z[0:3])),
+            c2_ratio=_three(np.array(centre.c2_ratio) + 0.05 * z[3:6]),
+            c3=_three(np.array(centre.c3) * np.exp(0.25 * z[6:9])),
+            volume_ratio=float(centre.volume_ratio + 0.04 * z[9]),
+            paper_stiffness=float(centre.paper_stiffness * np.exp(0.4 * z[10])),
+        )
         if truth.is_stable() and truth.is_within_trends():
             return truth
-
-
-def _draw(generator: np.random.Generator) -> Truth:
-    z = generator.standard_normal(11)
-    centre = Truth()
-    return replace(
-        centre,
-        c1=_three(np.array(centre.c1) * np.exp(0.15 * z[0:3])),
-        c2_ratio=_three(np.array(centre.c2_ratio) + 0.05 * z[3:6]),
-        c3=_three(np.array(centre.c3) * np.exp(0.25 * z[6:9])),
-        volume_ratio=float(centre.volume_ratio + 0.04 * z[9]),
-        paper_stiffness=float(centre.paper_stiffness * np.exp(0.4 * z[10])),
-    )
 
 
 def _three(values: Floats) -> Three:
@@ -282,7 +269,12 @@ def parse_effect(text: str) -> tuple[Cause, dict[str, float]]:
     target, equals, value = (part.strip() for part in text.partition("="))
     name, dot, short = target.partition(".")
     cause = find(name)
-    parameter = _parameter(cause, short) if dot else cause.parameters[0]
+    by_name = {parameter.name: parameter for parameter in cause.parameters}
+    if dot and short not in by_name:
+        best = nearest(short, list(by_name))
+        hint = f"did you mean {best!r}?" if best else f"it has {', '.join(by_name)}"
+        raise BayesdegError(f"{cause.name} has no parameter {short!r}; {hint}")
+    parameter = by_name[short] if dot else cause.parameters[0]
     if not equals:
         example = f"{target}={cause.typical[parameter.name]:g}"
         raise BayesdegError(f"{text!r} gives no value; write for example {example}")
@@ -323,23 +315,12 @@ def parse_effects(texts: Iterable[str]) -> tuple[HiddenEffect, ...]:
             raise BayesdegError(f"{cause.qualified(twice)} is given twice; give it once")
         before |= values
     return tuple(
-        HiddenEffect(cause, {p.name: _value(cause, p, given) for p in cause.parameters})
+        HiddenEffect(
+            cause,
+            {p.name: given[cause.name].get(p.name, p.neutral or 0.0) for p in cause.parameters},
+        )
         for cause in in_order(causes.values())
     )
-
-
-def _value(cause: Cause, parameter: Parameter, given: Mapping[str, Mapping[str, float]]) -> float:
-    neutral = 0.0 if parameter.neutral is None else parameter.neutral
-    return given[cause.name].get(parameter.name, neutral)
-
-
-def _parameter(cause: Cause, short: str) -> Parameter:
-    names = [p.name for p in cause.parameters]
-    if short not in names:
-        best = nearest(short, names)
-        hint = f"did you mean {best!r}?" if best else f"it has {', '.join(names)}"
-        raise BayesdegError(f"{cause.name} has no parameter {short!r}; {hint}")
-    return cause.parameters[names.index(short)]
 
 
 def _number(text: str, cause: Cause, parameter: Parameter) -> float:
@@ -382,8 +363,6 @@ def draw_specimens(
         Material and scatter.
     degradation, sd : array, shape (n,)
         Recorded degradation rate and its standard error [%].
-    generator : numpy.random.Generator
-        Random generator.
     law : str
         Scatter law of the elongation at break; for Weibull's, z₃ is not normal.
 
@@ -454,9 +433,6 @@ def correlate_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length
     length : float
         ℓ, in the unit of s; at 0 the normals are unchanged.
 
-    Returns
-    -------
-    array, shape (n,)
 
     Examples
     --------

@@ -61,21 +61,10 @@ class Provenance:
 def study_files(
     experiment: VirtualExperiment, settings: Settings, *, provenance: Provenance
 ) -> dict[str, str]:
-    """Return the files of a study folder with a virtual experiment.
+    """Return the files of a study folder with a virtual experiment, by name.
 
-    Parameters
-    ----------
-    experiment : VirtualExperiment
-        Records and truth.
-    settings : Settings
-        Settings of the study whose design was used.
-    provenance : Provenance
-        Provenance.
-
-    Returns
-    -------
-    dict of str to str
-        By file name: ``study.toml``, the CSV files, and ``truth.json``, which no study reads.
+    These are ``study.toml``, from the settings of the study whose design was used, the CSV files,
+    and ``truth.json``, which no study reads.
     """
     texts = {
         VIRTUAL_TABLES[name].file: provenance.comment

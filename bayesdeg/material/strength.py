@@ -739,46 +739,6 @@ def equivalent_uniaxial_stretch(
     return uniaxial_stretch(law, largest_cauchy_stress(law, stretches))
 
 
-def utilisation(
-    stretches: npt.ArrayLike,
-    limit_stretch: npt.ArrayLike,
-    *,
-    criterion: Criterion = "principal_stretch",
-    law: Yeoh | None = None,
-) -> FloatArray:
-    r"""Return the share of the elongation limit that a state uses; 1 is rupture.
-
-    .. math:: u = \frac{\lambda_{eq} - 1}{\lambda_b - 1}
-
-    Parameters
-    ----------
-    stretches : array_like, shape (..., 3)
-        Principal stretches [–] whose product is 1.
-    limit_stretch : array_like
-        Uniaxial stretch at break λ_b [–], above 1.
-    criterion, law
-        As `equivalent_uniaxial_stretch`.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    ValueError
-        As `equivalent_uniaxial_stretch`, and if a limit is not above 1.
-
-    Examples
-    --------
-    >>> float(utilisation([1.5, 1.5, 1 / 2.25], 3.0))
-    0.25
-    """
-    limit = np.asarray(limit_stretch, dtype=np.float64)
-    if np.any(limit <= 1.0):
-        raise ValueError("the limit stretch must be above 1")
-    return (equivalent_uniaxial_stretch(stretches, criterion, law) - 1.0) / (limit - 1.0)
-
-
 STEPS, LARGEST_STEP, CLOSE = 60, 0.3, 1e-9
 """Of Newton's method, in ln stretch: maximum number of steps, largest step, and step size at
 convergence; five or six steps suffice from a nearby start."""

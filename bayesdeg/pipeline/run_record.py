@@ -370,7 +370,7 @@ def emulator_facts(record: str) -> EmulatorEntry:
         JSON. Every key may be missing: ``design``, ``model_version``, ``coarse_curves``,
         ``fine_curves``, ``curves_cut_short``, ``mesh_error_pct``, and ``accuracy``, which maps a
         quantity to ``rms_pct``, ``p95_pct``, ``max_pct`` [%] and ``coverage_90`` [–] on curves
-        that were not trained on; ``refinement``, see `bayesdeg.pipeline.refinement.ErrorLeft`.
+        that were not trained on; ``refinement``, see `bayesdeg.pipeline.region.ErrorLeft`.
 
     Examples
     --------

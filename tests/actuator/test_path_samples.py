@@ -11,7 +11,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import PathEffort, Status
+from bayesdeg.actuator.status import Backend, PathEffort, Status
 from bayesdeg.data.settings import Dimensions
 
 pytestmark = pytest.mark.fem
@@ -94,10 +94,11 @@ def test_where_a_shape_cannot_vary_its_derivatives_are_not_known(fresh):
 
 def test_a_process_holds_few_meshes_and_closes_the_others(fresh, monkeypatch):
     closed = []
-    held = curve._Held()
+    monkeypatch.setattr(curve, "_HELD", {})
     monkeypatch.setattr(curve.Actuator, "close", lambda self: closed.append(self))
     sizes = [Resolution(6.0 + k, 5.0, 5.0) for k in range(curve.MESHES + 2)]
     geometry = Geometry(Dimensions(length=20.0, chambers=2))
-    actuators = [held.get(geometry, size) for size in sizes]
+    rest = (Backend.KERNELS, False, None)
+    actuators = [curve._actuator(geometry, size, *rest) for size in sizes]
     assert closed == actuators[:2]
-    assert held.get(geometry, sizes[-1]) is actuators[-1]
+    assert curve._actuator(geometry, sizes[-1], *rest) is actuators[-1]

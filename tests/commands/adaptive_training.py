@@ -21,7 +21,7 @@ from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.local import local_design
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline import calibrate
-from bayesdeg.pipeline.emulation import asked_of
+from bayesdeg.pipeline.region import asked_of
 from tests.killing import forked, killed
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE

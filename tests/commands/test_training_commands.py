@@ -21,16 +21,14 @@ from bayesdeg import cli, training
 from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator import workers
+from bayesdeg.emulator import campaign, workers
 from bayesdeg.emulator.kept import cached_path, duration, rough_seconds
 from bayesdeg.emulator.local import TARGET_OUTSIDE, LocalDesign
 from bayesdeg.emulator.refinement import TooFewCurvesError
 from bayesdeg.emulator.scaling import ONE, TrainingRange
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import is_refined, read_trained, write_trained
-from bayesdeg.pipeline import emulation
-from bayesdeg.pipeline.emulation import AskedAfterwards
-from bayesdeg.pipeline.refinement import FIRST
+from bayesdeg.pipeline.region import FIRST, AskedAfterwards
 from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in
@@ -49,7 +47,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "LOCAL", lambda _dimensions: RECIPE)
     monkeypatch.setattr(training, "ROUNDS", 0)
     monkeypatch.setattr(training, "LAST_ROUNDS", 0)
-    monkeypatch.setattr(emulation, "build", build)
+    monkeypatch.setattr(campaign, "build", build)
     (tmp_path / "tiny.toml").write_text(TABLE, encoding="utf-8")
     (tmp_path / "study").mkdir()
     study_in(tmp_path / "study", {"study.toml": SETTINGS + TABLE})
@@ -137,7 +135,7 @@ def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, command)
     made = sorted(Path(".cache/campaign").glob("*.npz"))
     assert len(made) == 2 * len(before)
     assert len(kept()) == 2
-    ours, theirs = (emulation.runs(GEOMETRY, replace(RECIPE, backend=b)) for b in Backend)
+    ours, theirs = (campaign.runs(GEOMETRY, replace(RECIPE, backend=b)) for b in Backend)
     store = SolutionStore(Path(".cache/campaign"))
     for one, other in zip(ours, theirs, strict=True):
         expected, found = store.get(one), store.get(other)
@@ -179,7 +177,7 @@ def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
         rows = list(csv.DictReader(file))
     assert len(rows) == 8
     assert {row["status"] for row in rows} == {"TIMED_OUT"}
-    runs = emulation.runs(GEOMETRY, RECIPE)
+    runs = campaign.runs(GEOMETRY, RECIPE)
     assert {row["run"] for row in rows} == {run.key() for run in runs}
     for row, run in zip(rows, runs, strict=True):
         assert float(row["c3_ratio"]) == run.curve.material.c3_ratio
@@ -481,11 +479,11 @@ import sys
 from dataclasses import replace
 from bayesdeg import cli
 from bayesdeg import training
-from bayesdeg.pipeline import emulation
+from bayesdeg.emulator import campaign
 from tests.pipeline.tiny_campaign import RECIPE, build
 if __name__ == "__main__":
     training.RECIPE = replace(RECIPE, coarse_runs=int(sys.argv.pop(1)))
-    emulation.build = build
+    campaign.build = build
     cli.main()
 """
 

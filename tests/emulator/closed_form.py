@@ -11,8 +11,8 @@ from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, Prediction
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import WHOLE, FitPlan, train
 from bayesdeg.emulator.design import space_filling
+from bayesdeg.emulator.fit import WHOLE, FitPlan, train
 from bayesdeg.emulator.regression import Prior
 from bayesdeg.emulator.scaling import TrainingRange
 from bayesdeg.emulator.terms import Family

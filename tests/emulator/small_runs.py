@@ -10,7 +10,7 @@ from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import Kind, Run
+from bayesdeg.emulator.solutions import Kind, Run
 
 ONE_CHAMBER = Geometry(Dimensions(length=14.0, chambers=1))
 TWO_CHAMBERS = Geometry(Dimensions(length=20.0, chambers=2))

@@ -14,8 +14,8 @@ from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.emulator import solutions as run_module
 from bayesdeg.emulator import workers
-from bayesdeg.emulator.campaign import Kind, Run, complete, missing
-from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.campaign import complete, missing
+from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
 from bayesdeg.errors import BayesdegError
 from tests.emulator.small_runs import COARSEST, assert_same, made_up, runs
 

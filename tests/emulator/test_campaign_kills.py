@@ -13,8 +13,8 @@ import pytest
 
 from bayesdeg.actuator.status import Status
 from bayesdeg.emulator import workers
-from bayesdeg.emulator.campaign import Run, complete, missing
-from bayesdeg.emulator.solutions import SolutionStore
+from bayesdeg.emulator.campaign import complete, missing
+from bayesdeg.emulator.solutions import Run, SolutionStore
 from bayesdeg.emulator.workers import pool
 from bayesdeg.errors import BayesdegError
 from tests.emulator.real_campaign import COUNT

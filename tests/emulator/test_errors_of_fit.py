@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayesdeg.emulator.campaign import coverage, fit_errors, nearness, summary
+from bayesdeg.emulator.fit import coverage, fit_errors, nearness, summary
 from bayesdeg.emulator.scaling import NAMES
 from bayesdeg.emulator.terms import N_CHEBYSHEV, Terms, features
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayesdeg.emulator.compiled_map import exponentials
+from bayesdeg.emulator.surrogate import exponentials
 
 
 def test_exponentials_are_those_of_the_library():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev
 
-from bayesdeg.emulator.campaign import PLANS
+from bayesdeg.emulator.fit import PLANS
 from bayesdeg.emulator.scaling import NAMES
 from bayesdeg.emulator.terms import (
     N_CHEBYSHEV,

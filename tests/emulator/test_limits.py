@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.emulator.campaign import NEAR, UNKNOWN_SHIFT, fit_limit
 from bayesdeg.emulator.coordinates import coordinates, scaled_cause
 from bayesdeg.emulator.design import space_filling
+from bayesdeg.emulator.fit import NEAR, UNKNOWN_SHIFT, fit_limit
 from bayesdeg.emulator.regression import Reach
 from bayesdeg.emulator.scaling import NAMES, Place
 from bayesdeg.emulator.terms import features

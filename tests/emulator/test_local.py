@@ -8,7 +8,8 @@ import pytest
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import LOCAL, NEAR, runs, train
+from bayesdeg.emulator.campaign import LOCAL, runs
+from bayesdeg.emulator.fit import NEAR, train
 from bayesdeg.emulator.kept import Recipe, local_recipe
 from bayesdeg.emulator.local import InputDraws, covers, curves_of, local_design, span_of
 from bayesdeg.emulator.regression import observe

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from bayesdeg.emulator.coordinates import coordinates
-from bayesdeg.emulator.design import SHARES, Question, most_informative, space_filling
+from bayesdeg.emulator.design import SHARES, space_filling
 from bayesdeg.emulator.regression import DERIVATIVE_WEIGHT, Prior, half_ranges
 from bayesdeg.emulator.scaling import NAMES, Place, TrainingRange
 from bayesdeg.emulator.terms import Family, Terms, features
+from benchmarks.second_stage import Question, most_informative
 
 SPAN = TrainingRange()
 # without slack, whose coordinate has a corner at tight paper

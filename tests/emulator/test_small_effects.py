@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.emulator.campaign import SMALL, with_small_effects
 from bayesdeg.emulator.design import IN_TURN, THIRD_RUNS, is_answered, third_stage
+from bayesdeg.emulator.fit import SMALL, with_small_effects
 from bayesdeg.emulator.regression import observe
 from bayesdeg.emulator.scaling import CAUSES, GROUPS, NAMES, Place
 from bayesdeg.emulator.terms import N_CHEBYSHEV, feature_gradients, features

@@ -16,8 +16,8 @@ import pytest
 
 from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import Kind, complete
-from bayesdeg.emulator.solutions import SolutionStore, encode
+from bayesdeg.emulator.campaign import complete
+from bayesdeg.emulator.solutions import Kind, SolutionStore, encode
 from bayesdeg.errors import BayesdegError
 from tests.emulator.small_runs import assert_same, made_up, runs
 

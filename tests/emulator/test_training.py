@@ -11,8 +11,8 @@ from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.actuator.inputs import Inputs, material_groups
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import WHOLE, FitPlan, train
 from bayesdeg.emulator.design import space_filling
+from bayesdeg.emulator.fit import WHOLE, FitPlan, train
 from bayesdeg.emulator.regression import Prior, observe
 from bayesdeg.emulator.surrogate import OUTPUTS
 from bayesdeg.emulator.terms import Family, features

@@ -6,18 +6,18 @@ from statistics import median
 import pytest
 
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import Finished, complete
-from bayesdeg.emulator.kept import duration
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.pipeline import emulation
-from bayesdeg.pipeline.emulation import (
+from bayesdeg.emulator.campaign import (
     Campaign,
     Expectation,
+    Finished,
     Meter,
+    complete,
     endings,
     expect,
     train_emulator,
 )
+from bayesdeg.emulator.kept import duration
+from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.pipeline.progress import Silent
 from tests.emulator.closed_form import solution
 from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, build
@@ -78,7 +78,7 @@ def test_the_time_is_known_from_a_factorization_and_then_from_runs(campaign):
 
 @pytest.mark.fem
 def test_the_emulator_is_built_on_what_is_left_and_the_endings_are_of_all(campaign, monkeypatch):
-    monkeypatch.setattr(emulation, "build", build)
+    monkeypatch.setattr("bayesdeg.emulator.campaign.build", build)
     shown = Shown()
     surrogate = train_emulator(campaign, expect(campaign, Silent()), shown)
     assert surrogate.length == GEOMETRY.dimensions.length

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from bayesdeg import training
+from bayesdeg.emulator.campaign import Campaign
 from bayesdeg.emulator.kept import local_recipe
 from bayesdeg.emulator.refinement import Refinement
 from bayesdeg.emulator.solutions import SolutionStore
 from bayesdeg.emulator.trained import is_refined, write_trained
-from bayesdeg.pipeline import refinement
-from bayesdeg.pipeline.emulation import Campaign
-from bayesdeg.pipeline.refinement import (
+from bayesdeg.pipeline import region
+from bayesdeg.pipeline.region import (
     COMMON_ERROR,
     FIRST,
     MORE,
@@ -139,7 +139,7 @@ def test_curves_are_added_to_those_there_are_on_the_mesh_of_the_emulator(posteri
 
 def test_a_posterior_holds_the_likeliest_models(posteriors):
     evidence = [trial.log_evidence for trial in posteriors.trials]
-    assert max(evidence) - min(evidence) <= refinement.LEAST_FACTOR
+    assert max(evidence) - min(evidence) <= region.LEAST_FACTOR
     assert len(posteriors.whole.load) > len(posteriors.asked.load)
 
 
@@ -150,7 +150,7 @@ def test_refining_is_resumed_and_ends_with_the_same_bits(study, tmp_path, monkey
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(training, "LOCAL", recipe)
-    monkeypatch.setattr(refinement, "TARGET_SHIFT", np.inf)  # the first round is enough
+    monkeypatch.setattr(region, "TARGET_SHIFT", np.inf)  # the first round is enough
 
     given = tmp_path / "given.npz"
     write_trained(given, emulator())
