@@ -693,7 +693,7 @@ class ExactMap:
             for k in range(int(which.max(initial=-1)) + 1):
                 at = np.flatnonzero(which == k)
                 loads = np.unique(load[i, at][(load[i, at] > 0.0) | ~np.isfinite(load[i, at])])
-                groups = {name: float(group[i, at[0]]) for name, group in rows.items()}
+                material = {name: float(group[i, at[0]]) for name, group in rows.items()}
                 layer = None
                 if constraint.is_slab:
                     layer = LayerGroups(
@@ -701,7 +701,7 @@ class ExactMap:
                     )
                 moved = {name: float(size[i, at[0]]) for name, size in sizes.items()}
                 places.append((i, at))
-                curves.append(Curve(tuple(map(float, loads)), MaterialGroups(**groups), layer))
+                curves.append(Curve(tuple(map(float, loads)), MaterialGroups(**material), layer))
                 shapes.append(with_dimensions(self.geometry, moved))
         found = np.empty((2 if held else 7 + len(MEASURES), *load.shape))
         solved = self._solve(curves, shapes, held=held)

@@ -194,11 +194,12 @@ def is_movable(geometry: Moulded, other: Moulded) -> bool:
     (True, False)
     """
     alike = [len(a) == len(b) for a, b in zip(geometry.planes(), other.planes(), strict=True)]
-    faces = []
-    for one in (geometry, other):
+
+    def faces(one: Moulded) -> tuple[Box, ...]:
         plane: Box = ((0.0, 0.0), (0.0, 0.0), (one.line_height, one.line_height))
-        faces.append((one.outer, plane, *one.slab, *one.cavities, *one.voids))
-    return all(alike) and order_is_kept(*faces)
+        return (one.outer, plane, *one.slab, *one.cavities, *one.voids)
+
+    return all(alike) and order_is_kept(faces(geometry), faces(other))
 
 
 def geometry_of_record(record: Mapping[str, Any]) -> Moulded:

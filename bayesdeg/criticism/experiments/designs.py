@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import NEUTRAL, Inputs
+from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.batch_stiffness import CONTRASTS
 from bayesdeg.causes.cause import Conditions, Degradation, Stage
 from bayesdeg.causes.erosion import NOMINAL_WALL
@@ -300,10 +300,10 @@ class Part:
     degradation: Degradation
     values: Named
 
-    def of(self, name: str) -> Floats:
+    def of(self, name: str, neutral: float) -> Floats:
         """Return an input, neutral if no cause changed it."""
         value = getattr(self.inputs, name)
-        return np.asarray(NEUTRAL[name] if value is None else value)
+        return np.asarray(neutral if value is None else value)
 
 
 @dataclass(frozen=True)
@@ -397,14 +397,15 @@ class PartMeasurements:
 def _wall(part: Part) -> Floats:
     """Return the thickness of the roof over that in the mould; one of its faces is exposed."""
     thickness: Floats = (
-        part.inputs.linear_scale * part.of("wall_factor") - part.of("erosion") / NOMINAL_WALL
+        part.inputs.linear_scale * part.of("wall_factor", 1.0)
+        - part.of("erosion", 0.0) / NOMINAL_WALL
     )
     return thickness
 
 
 def _log_stiffness(part: Part) -> Floats:
     """Return ln of Young's modulus [MPa] of the part's material."""
-    total: Floats = np.log(young_modulus(part.inputs.c1, part.of("second_invariant")))
+    total: Floats = np.log(young_modulus(part.inputs.c1, part.of("second_invariant", 0.0)))
     return total
 
 
