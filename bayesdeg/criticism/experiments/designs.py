@@ -396,10 +396,8 @@ class PartMeasurements:
 
 def _wall(part: Part) -> Floats:
     """Return the thickness of the roof over that in the mould; one of its faces is exposed."""
-    thickness: Floats = (
-        part.inputs.linear_scale * part.of("wall_factor", 1.0)
-        - part.of("erosion", 0.0) / NOMINAL_WALL
-    )
+    lost = part.of("erosion", 0.0) / NOMINAL_WALL
+    thickness: Floats = part.inputs.linear_scale * part.of("wall_factor", 1.0) - lost
     return thickness
 
 
