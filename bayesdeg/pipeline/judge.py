@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.causes.catalogue import CATALOGUE, mechanism_of
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.absorption import Absorption, absorption
-from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
+from bayesdeg.criticism.checks.conflict import conflict, questioned
 from bayesdeg.criticism.checks.count_misfit import (
     OWN,
     PUBLISHED,
@@ -23,14 +23,13 @@ from bayesdeg.criticism.checks.count_misfit import (
     own_counts,
 )
 from bayesdeg.criticism.checks.discrepancy import Misfit
-from bayesdeg.criticism.checks.misfit_columns import ColumnMisfit, misfit_columns
+from bayesdeg.criticism.checks.misfit_columns import misfit_columns
 from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
-from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
+from bayesdeg.criticism.checks.rupture_misfit import rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.alternatives import StatedSets, stated_sets
 from bayesdeg.criticism.decide.candidates import (
     NOT_KNOWN,
-    Candidate,
     Confusability,
     candidates,
     confusability,
@@ -59,6 +58,14 @@ from bayesdeg.criticism.experiments.ranking import (
     Experiment,
     next_experiments_document,
     rank,
+)
+from bayesdeg.criticism.findings import (
+    Candidate,
+    ColumnMisfit,
+    Conflict,
+    ExperimentEntry,
+    Questioned,
+    RuptureMisfit,
 )
 from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
@@ -116,7 +123,7 @@ class Judgement:
         Specimens, and whole levels, that took no part; by name of the model, ``base`` first.
     search : Search
         The fitted sets of causes.
-    experiments : list
+    experiments : tuple of ExperimentEntry
         What to measure next, as in ``verdict.json``.
     alike : tuple of str
         Causes that could not be judged since another form of the law reads like them.
@@ -145,7 +152,7 @@ class Judgement:
     held_out: dict[str, HeldOut]
     levels_out: dict[str, HeldOut]
     search: Search
-    experiments: list[dict[str, object]]
+    experiments: tuple[ExperimentEntry, ...]
     alike: tuple[str, ...] = ()
     shared: tuple[SharedScatter, ...] = ()
     questioned: tuple[Questioned, ...] = ()
@@ -230,14 +237,14 @@ class Description:
         The terms in known quantities that would remove it.
     columns : tuple of ColumnMisfit
         In which columns it sits.
-    experiments : tuple of dict
+    experiments : tuple of ExperimentEntry
         What would tell the best terms apart, as in ``verdict.json``.
     """
 
     step: Step
     found: MissingTerms
     columns: tuple[ColumnMisfit, ...]
-    experiments: tuple[dict[str, object], ...] = ()
+    experiments: tuple[ExperimentEntry, ...] = ()
 
     @property
     def chief(self) -> ColumnMisfit | None:
@@ -246,8 +253,8 @@ class Description:
         A column with many levels, such as specimens, absorbs what one with few levels explains as
         well.
         """
-        largest = max((one.share for one in self.columns), default=0.0)
-        near = [one for one in self.columns if one.share >= MOSTLY * largest]
+        largest = max((one.share_of_misfit for one in self.columns), default=0.0)
+        near = [one for one in self.columns if one.share_of_misfit >= MOSTLY * largest]
         return min(near, key=lambda one: len(one.levels), default=None)
 
 
@@ -336,7 +343,8 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
         for cause in final.model.causes
     }
     found = tuple(
-        replace(c, effect=sizes[c.cause]) if c.cause in sizes else c for c in judgement.candidates
+        c.model_copy(update={"effect": sizes[c.cause]}) if c.cause in sizes else c
+        for c in judgement.candidates
     )
     return replace(judgement, candidates=found)
 
@@ -686,7 +694,7 @@ def _missing(
 
 def _between_terms(
     found: Description, generator: np.random.Generator, executor: Executor | None
-) -> list[dict[str, object]]:
+) -> tuple[ExperimentEntry, ...]:
     """Rank experiments that would tell apart terms that fit about equally well."""
     trial = found.step.trial
     trials = term_trials(trial, found.found, generator)
@@ -819,9 +827,9 @@ def _decided(
     )
 
 
-def _proposed(guard: Guard, *about: Any) -> list[dict[str, object]]:
+def _proposed(guard: Guard, *about: Any) -> tuple[ExperimentEntry, ...]:
     """Return the ranking of `_next`; empty if it failed."""
-    return guard.attempt(OptionalStage.EXPERIMENTS, _next, *about) or []
+    return guard.attempt(OptionalStage.EXPERIMENTS, _next, *about) or ()
 
 
 def _next(
@@ -830,21 +838,21 @@ def _next(
     favoured: Favoured,
     catalogue: Catalogue | Assembly,
     generator: np.random.Generator,
-) -> list[dict[str, object]]:
+) -> tuple[ExperimentEntry, ...]:
     """Rank the next experiments by how well they tell apart the models in question."""
     base, (supported, stated) = search.base, favoured
     chosen = frozenset(one.cause for one in supported)
     untested: tuple[Cause, ...] = ()
     if decision.outcome is Outcome.ADEQUATE:
-        return []
+        return ()
     if decision.outcome is Outcome.NOT_JUDGED and not supported:
-        return []
+        return ()
     if decision.outcome is Outcome.UNEXPLAINED:
         nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
         sets = dict.fromkeys([BASE, *nearest])
         untested = _shown_by(candidate_experiments(base.subject), catalogue.unjudged)
     elif not supported and not catalogue.alike:
-        return []  # no reading is in question
+        return ()  # no reading is in question
     elif not supported:
         return _beside_the_law(base, catalogue, generator)
     else:
@@ -888,7 +896,7 @@ def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[
 
 def _beside_the_law(
     base: CandidateFit, catalogue: Catalogue | Assembly, generator: np.random.Generator
-) -> list[dict[str, object]]:
+) -> tuple[ExperimentEntry, ...]:
     """Rank experiments for causes that look like a different form of the law in earlier tests."""
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
@@ -897,6 +905,6 @@ def _beside_the_law(
 
 def _unjudged(catalogue: Catalogue | Assembly) -> list[Candidate]:
     return [
-        Candidate(name, None, None, None, None, None, {}, fitted=False, why=why)
+        Candidate(cause=name, mechanism=mechanism_of(name), why=why)
         for name, why in catalogue.unjudged.items()
     ]

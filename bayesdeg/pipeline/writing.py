@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.checks import statistics as residual_statistics
-from bayesdeg.criticism.checks.absorption import NO_INTERVAL, Absorption, Displacement
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
@@ -917,36 +916,8 @@ def _null_table(found: TableSources) -> pd.DataFrame | None:
 def _absorption_table(found: TableSources) -> pd.DataFrame | None:
     """Return every parameter of the base model and its value from all other information."""
     absorbed = None if found.judgement is None else found.judgement.absorbed
-    if absorbed is None:
-        return None
-    return pd.DataFrame([_absorption_row(absorbed, one) for one in absorbed.displacements])
-
-
-def _absorption_row(absorbed: Absorption, one: Displacement) -> dict[str, object]:
-    after, direct = absorbed.returned(one), one.measured
-    pushes = absorbed.pushed_by(one) if one.is_in_question else ()
-    row: dict[str, object] = {
-        "parameter": one.parameter.name,
-        "unit": one.parameter.unit,
-        "meaning": one.parameter.meaning,
-        "measured": np.nan if direct is None else direct.value,
-        "measured_se": np.nan if direct is None else direct.se,
-        "measured_source": "" if direct is None else direct.source,
-        "moved_sd": one.moved,
-        "learned": one.learned,
-        "score_sd": one.score,
-        "p_value": one.p_value,
-        "p_adjusted": one.adjusted,
-        "in_question": int(one.is_in_question),
-        "pushed_by": " or ".join("+".join(push.causes) for push in pushes),
-        "pushed_share": pushes[0].share(one) if pushes else np.nan,
-        "after_moved_sd": np.nan if after is None else after.moved,
-    }
-    intervals = {"prior": one.prior, "all_else": one.all_else, "base": one.posterior}
-    intervals["after"] = NO_INTERVAL if after is None else after.posterior
-    for name, ends in intervals.items():
-        row |= {f"{name}_q05": ends.low, f"{name}_q50": ends.median, f"{name}_q95": ends.high}
-    return row
+    table = columns.TABLES[columns.ABSORPTION]
+    return None if absorbed is None else table.rows(absorbed.displacements)
 
 
 def _pushes_table(found: TableSources) -> pd.DataFrame | None:
@@ -956,10 +927,10 @@ def _pushes_table(found: TableSources) -> pd.DataFrame | None:
         return None
     rows = [
         {
-            "parameter": one.parameter.name,
+            "parameter": one.parameter,
             "causes": "+".join(push.causes),
             "log_bayes_factor": push.log_bayes_factor,
-            "shift_sd": push.shifts[one.parameter.name],
+            "shift_sd": push.shifts[one.parameter],
             "share": push.share(one),
         }
         for one in absorbed.displacements

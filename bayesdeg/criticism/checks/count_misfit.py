@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.findings import CountedLevel
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import (
     Chances,
@@ -44,23 +45,6 @@ PUBLISHED, OWN = "summary.csv", "actuator.csv"
 """Files with rupture counts."""
 EQUAL = 1e-9
 """Tolerance of a log probability: sets as probable as the counts, up to rounding."""
-
-
-class CountedLevel(NamedTuple):
-    """Ruptures at one degradation rate, and what the model expects.
-
-    ``probability`` is that of one actuator bursting below ``pressure`` [kPa], the mean over the
-    posterior, with its 5 and 95 % quantiles; ``chance`` is that of the observed number of ruptures.
-    """
-
-    degradation: float
-    pressure: float
-    tested: int
-    ruptured: int
-    probability: float
-    low: float
-    high: float
-    chance: float
 
 
 @dataclass(frozen=True)
@@ -225,14 +209,14 @@ class CountLaw(NamedTuple):
         chance = np.exp(logsumexp(each + self.log_weights[:, None], axis=0))
         return tuple(
             CountedLevel(
-                degradation=float(tests.degradation[k, 0]),
-                pressure=float(tests.pressure[k]),
+                degradation_pct=float(tests.degradation[k, 0]),
+                pressure_kPa=float(tests.pressure[k]),
                 tested=int(tests.tested[k]),
                 ruptured=int(tests.ruptured[k]),
                 probability=float(weights @ burst[:, k]),
-                low=float(low[k]),
-                high=float(high[k]),
-                chance=float(chance[k]),
+                probability_q05=float(low[k]),
+                probability_q95=float(high[k]),
+                count_probability=float(chance[k]),
             )
             for k in range(len(tests.specimens))
         )

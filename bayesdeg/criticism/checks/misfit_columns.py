@@ -18,7 +18,6 @@ first kind, also over the mean size of what the model predicts there.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +36,7 @@ from bayesdeg.criticism.checks.known_terms import (
     path_of,
     reading_unit,
 )
+from bayesdeg.criticism.findings import ColumnMisfit, LevelMisfit
 from bayesdeg.criticism.fit.linear import Linear
 
 Floats = NDArray[np.float64]
@@ -44,59 +44,6 @@ Flags = NDArray[np.bool_]
 
 PARTS = 3  # equal-count parts of a numeric column
 FAINT = 1e-6  # relative to the largest: a direction spanned by the others
-
-
-@dataclass(frozen=True)
-class LevelMisfit:
-    """The misfit in one level of a column.
-
-    Parameters
-    ----------
-    label : str
-        Which level.
-    readings : int
-        How many were taken there.
-    share : float
-        Of the misfit, by a scale and a trend of this level alone.
-    excess : float
-        Mean of measured less simulated after the refit, in the unit of the reading.
-    excess_pct : float
-        The same over the mean size of the simulated [%].
-    """
-
-    label: str
-    readings: int
-    share: float
-    excess: float
-    excess_pct: float
-
-
-@dataclass(frozen=True)
-class ColumnMisfit:
-    """The misfit in the levels of one column.
-
-    Parameters
-    ----------
-    column : str
-        Its name, in words.
-    share : float
-        Of the misfit, by a scale and a trend of each level.
-    kind, unit : str
-        Which reading the sizes are of, and in which unit.
-    levels : tuple of LevelMisfit
-        In the order of their values.
-    """
-
-    column: str
-    share: float
-    kind: str
-    unit: str
-    levels: tuple[LevelMisfit, ...]
-
-    @property
-    def worst(self) -> LevelMisfit:
-        """The level with the largest share."""
-        return max(self.levels, key=lambda one: one.share)
 
 
 def misfit_columns(
@@ -132,7 +79,7 @@ def misfit_columns(
     for name, labels in columns.items():
         shares = {level: _gain(linear, own, data) / ceiling for level, own in parts[name].items()}
         found.append(_column(linear, rows, name, labels, shares, gains[name] / ceiling))
-    return tuple(sorted(found, key=lambda one: -one.share))
+    return tuple(sorted(found, key=lambda one: -one.share_of_misfit))
 
 
 def _columns(
@@ -191,8 +138,22 @@ def _column(
         read = here & (kinds == kind) if np.any(here & (kinds == kind)) else here
         excess = float(np.mean(left[read]))
         relative = 100.0 * excess / max(float(np.mean(size[read])), 1e-300)
-        levels.append(LevelMisfit(level, int(np.sum(here)), own, excess, relative))
-    return ColumnMisfit(name, share, kind, reading_unit(linear, kind), tuple(levels))
+        levels.append(
+            LevelMisfit(
+                level=level,
+                readings=int(np.sum(here)),
+                share_of_misfit=own,
+                excess=excess,
+                excess_pct=relative,
+            )
+        )
+    return ColumnMisfit(
+        column=name,
+        share_of_misfit=share,
+        kind=kind,
+        unit=reading_unit(linear, kind),
+        levels=tuple(levels),
+    )
 
 
 def _directions(linear: Linear, own: Flags) -> Floats:

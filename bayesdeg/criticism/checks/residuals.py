@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit
+from bayesdeg.criticism.findings import Concentration
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
@@ -454,36 +455,6 @@ FEW, FEW_OF_ALL = 3, 0.25  # most specimens that count as a few
 
 
 @dataclass(frozen=True)
-class Concentration:
-    """Concentration of most of a misfit.
-
-    Parameters
-    ----------
-    kind : str
-        ``branch``, ``cycle``, ``hold`` or ``specimen``.
-    members : tuple of str
-        ``unloading``; ``cycle 2`` or ``cycles after the first``; ``readings after a hold``; or the
-        names of specimens.
-    excess : tuple of float
-        By how much of the simulated each lies above the other readings, as far as that differs
-        from the simulation [%].
-    share : float
-        Of the misfit statistic.
-    readings : float
-        Share of the readings.
-    p_value : float
-        Share of simulated data in which the best of all groups gains as much, (1 + #)/(1 + n).
-    """
-
-    kind: str
-    members: tuple[str, ...]
-    excess: tuple[float, ...]
-    share: float
-    readings: float
-    p_value: float
-
-
-@dataclass(frozen=True)
 class _Group:
     kind: str
     name: str
@@ -521,7 +492,14 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
         return None
     excess = tuple(_excess(linear, group, family) for group in chosen)
     names = tuple(group.name for group in chosen)
-    return Concentration(chosen[0].kind, names, excess, share, readings, float(p_values[best]))
+    return Concentration(
+        kind=chosen[0].kind,
+        members=names,
+        excess_pct=excess,
+        share_of_misfit=share,
+        share_of_readings=readings,
+        p_value=float(p_values[best]),
+    )
 
 
 def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) -> tuple[_Group, ...]:

@@ -14,6 +14,7 @@ from scipy.special import logsumexp
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import fraction_explained
+from bayesdeg.criticism.findings import Candidate, EffectSize
 from bayesdeg.criticism.fit.linear import Linear, effects, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.search import Names, Search, set_penalties
 from bayesdeg.criticism.fit.trials import CandidateFit
@@ -116,63 +117,7 @@ def _wide(columns: Floats, change: Floats) -> Floats:
 
 EFFECT_DRAWS = 2000
 LEAST = -1e3  # floor of the log Bayes factors shown
-
-
-@dataclass(frozen=True)
-class EffectSize:
-    """Posterior of one parameter of a cause."""
-
-    mean: float
-    sd: float
-    q05: float
-    q95: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """The evidence for one cause.
-
-    Parameters
-    ----------
-    cause : str
-        Its name.
-    log_bayes_factor : float or None
-        Of a named cause beside the others that are named, against the model without it; of others
-        alone against the base model [nats]. None if it could not be judged.
-    probability : float or None
-        Posterior probability that it acts.
-    explained_fraction : float or None
-        Share of the misfit statistic, less what chance gives, that it removes: the larger of each
-        model against its own errors and both against the errors of the model with it
-        (`fraction_explained`); of a named one together with the others.
-        None if it was screened only, or if there is no more misfit than chance gives.
-    elpd_diff, elpd_diff_se : float or None
-        Gain in log predictive density on held-out specimens; None if it was not tried on them.
-    effect : mapping
-        Posterior of each parameter; empty if it was screened only.
-    fitted : bool
-        Whether the model with it was fitted as a whole, or the cause only screened.
-    why : str
-        Why it could not be judged; empty if it was.
-    log_bayes_factor_error : float or None
-        Monte Carlo standard error of the log Bayes factor [nats]; None if it was screened only.
-    naming_p_value : float or None
-        Share of data sets simulated from the model without it in which the best of all causes has
-        as large a log Bayes factor, (1 + #)/(1 + n).
-    """
-
-    cause: str
-    log_bayes_factor: float | None
-    probability: float | None
-    explained_fraction: float | None
-    elpd_diff: float | None
-    elpd_diff_se: float | None
-    effect: dict[str, EffectSize]
-    fitted: bool = True
-    why: str = ""
-    log_bayes_factor_error: float | None = None
-    naming_p_value: float | None = None
+FULL_FIT, SCREENING = "full fit", "screening"  # how a cause was judged
 
 
 def candidates(
@@ -227,7 +172,8 @@ def effect_sizes(
 def effect_size(draws: Floats, unit: str) -> EffectSize:
     """Summarise posterior draws of one parameter of a cause."""
     low, high = np.quantile(draws, [0.05, 0.95])
-    return EffectSize(float(np.mean(draws)), float(np.std(draws)), float(low), float(high), unit)
+    mean, sd = float(np.mean(draws)), float(np.std(draws))
+    return EffectSize(mean=mean, sd=sd, q05=float(low), q95=float(high), unit=unit)
 
 
 def _named(
@@ -248,6 +194,8 @@ def _named(
         effect=effect_sizes(search.trials[chosen], cause, generator),
         log_bayes_factor_error=_error(search, chosen, chosen - {cause.name}),
         naming_p_value=one.chance,
+        mechanism=cause.mechanism,
+        judged_by=FULL_FIT,
     )
 
 
@@ -262,13 +210,12 @@ def _other(
     if alone not in search.trials:
         factor = search.step(base).screened[cause.name].log_bayes_factor
         return Candidate(
-            cause.name,
-            max(factor, LEAST),
-            probability,
-            *3 * (None,),
-            {},
-            fitted=False,
+            cause=cause.name,
+            log_bayes_factor=max(factor, LEAST),
+            probability=probability,
             naming_p_value=search.step(base).chance_of(factor),
+            mechanism=cause.mechanism,
+            judged_by=SCREENING,
         )
     tested = alone in held_out and base in held_out
     gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
@@ -282,6 +229,8 @@ def _other(
         effect=effect_sizes(search.trials[alone], cause, generator),
         log_bayes_factor_error=_error(search, alone, base),
         naming_p_value=search.step(base).chance_of(search.factor(alone)),
+        mechanism=cause.mechanism,
+        judged_by=FULL_FIT,
     )
 
 

@@ -31,8 +31,9 @@ from bayesdeg.criticism.checks.count_misfit import (
     count_misfit,
     judged_counts,
 )
-from bayesdeg.criticism.decide.candidates import Candidate, effect_sizes
+from bayesdeg.criticism.decide.candidates import FULL_FIT, effect_sizes
 from bayesdeg.criticism.decide.support import Support
+from bayesdeg.criticism.findings import Candidate
 from bayesdeg.criticism.fit.linear import with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
 from bayesdeg.criticism.fit.trials import WANTED, CandidateFit, with_sizes
@@ -434,10 +435,11 @@ def _candidate(one: CountedCause, share: float, generator: np.random.Generator) 
         cause=one.name,
         log_bayes_factor=one.support.log_bayes_factor,
         probability=share,
-        explained_fraction=None,
         elpd_diff=one.support.elpd_diff,
         elpd_diff_se=one.support.elpd_diff_se,
         effect=effect_sizes(one.trial, cause, generator),
         log_bayes_factor_error=one.trial.posterior.error,
         naming_p_value=one.support.chance,
+        mechanism=cause.mechanism,
+        judged_by=FULL_FIT,
     )

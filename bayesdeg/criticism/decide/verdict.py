@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.checks.conflict import Conflict, Questioned
 from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.criticism.checks.discrepancy import (
     LARGE,
@@ -31,10 +30,10 @@ from bayesdeg.criticism.checks.discrepancy import (
     power,
 )
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
-from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.support import Support
+from bayesdeg.criticism.findings import Conflict, Questioned, RuptureMisfit
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
 

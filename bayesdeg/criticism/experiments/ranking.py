@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, helmert, solve_triangular
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.findings import ExperimentEntry, PairEntry
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.inference.model import JointModel
@@ -716,11 +717,8 @@ def compare(
 
 def next_experiments_document(
     ranked: Sequence[Ranked], word: Callable[[ExperimentPlan], str], *, most: int = MOST
-) -> list[dict[str, object]]:
+) -> tuple[ExperimentEntry, ...]:
     """Return ``next_experiments`` of ``verdict.json``: the best ones that tell causes apart.
-
-    Besides the required keys, each has the Monte Carlo error, the cost in specimens and readings,
-    and every pair of causes in question.
 
     Parameters
     ----------
@@ -734,26 +732,25 @@ def next_experiments_document(
     Examples
     --------
     >>> next_experiments_document((), str)
-    []
+    ()
     """
     useful = [entry for entry in ranked if entry.told_apart]
-    return [{"design": word(e.experiment.plan)} | _document(e) for e in useful[:most]]
-
-
-def _document(entry: Ranked) -> dict[str, object]:
-    experiment, pair = entry.experiment, entry.decisive
-    return {
-        "separates": list(pair.causes),
-        "expected_log_bayes_factor": round(pair.expected, 2),
-        "monte_carlo_error": round(pair.error, 2),
-        "specimens": experiment.specimens,
-        "readings": experiment.readings,
-        "per_specimen": round(pair.expected / experiment.specimens, 2),
-        "pairs": [
-            {"causes": list(p.causes), "expected_log_bayes_factor": round(p.expected, 2)}
-            for p in entry.pairs
-        ],
-    }
+    return tuple(
+        ExperimentEntry(
+            design=word(one.experiment.plan),
+            separates=one.decisive.causes,
+            expected_log_bayes_factor=round(one.decisive.expected, 2),
+            monte_carlo_error=round(one.decisive.error, 2),
+            specimens=one.experiment.specimens,
+            readings=one.experiment.readings,
+            per_specimen=round(one.decisive.expected / one.experiment.specimens, 2),
+            pairs=tuple(
+                PairEntry(causes=p.causes, expected_log_bayes_factor=round(p.expected, 2))
+                for p in one.pairs
+            ),
+        )
+        for one in useful[:most]
+    )
 
 
 def _order(entry: Ranked) -> tuple[float, ...]:
