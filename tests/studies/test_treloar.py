@@ -50,7 +50,7 @@ def full():
 
 def document(judgement):
     where = worded(where_films(judgement.search.base.linear))
-    return verdict_document(judgement, where, judgement.experiments).document()
+    return verdict_document(judgement, where).document()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -76,7 +76,7 @@ def test_one_mode_lists_what_it_cannot_show_with_the_reason(uniaxial):
 
 
 def test_the_experiment_proposed_to_one_mode_is_a_second_mode(uniaxial):
-    designs = [entry["design"] for entry in uniaxial[1].experiments]
+    designs = [entry.design for entry in uniaxial[1].experiments]
     assert designs
     assert all(design.startswith(("equibiaxial", "planar")) for design in designs)
 
