@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.checks import statistics as residual_statistics
+from bayesdeg.criticism.checks.known_terms import KnownTerm
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
@@ -819,7 +820,8 @@ def _levels_table(found: TableSources) -> pd.DataFrame | None:
     summary, published = found.study.summary, dict[float, float]()
     if summary is not None:
         rows = summary[summary["quantity"] == "r_squared"]
-        published = rows.set_index("degradation_pct")["value"].map(float).to_dict()
+        known = zip(rows["degradation_pct"], rows["value"], strict=True)
+        published = {float(level): float(value) for level, value in known}
     fits = found.results.fits
     return _joined(
         [
@@ -934,14 +936,31 @@ def _missing_terms(judgement: Judgement) -> pd.DataFrame | None:
     """Return the terms that would remove a misfit, and those that fit as well; None without any."""
     described, rows = judgement.missing, list[dict[str, object]]()
     for step, one in enumerate(() if described is None else described.found.terms, 1):
-        taken = {"status": "taken", "q05": one.low, "q95": one.high, "behind": 0.0}
-        taken |= {"share": one.share, "p_value": one.p_value}
-        for name, value in (("elpd_diff", one.held_out), ("elpd_diff_se", one.held_out_se)):
-            taken[name] = np.nan if value is None else value
-        others = [(a, {"status": "fits as well", "behind": a.behind}) for a in one.alike]
-        for each, facts in ((one, taken), *others):
-            known = {"formula": each.term.formula, "columns": ", ".join(each.term.columns)}
-            rows.append({"step": step, "size": each.size, "unit": each.term.unit} | known | facts)
+        taken: dict[str, object] = {
+            "status": "taken",
+            "size": one.size,
+            "q05": one.low,
+            "q95": one.high,
+            "behind": 0.0,
+            "share": one.share,
+            "p_value": one.p_value,
+            "elpd_diff": np.nan if one.held_out is None else one.held_out,
+            "elpd_diff_se": np.nan if one.held_out_se is None else one.held_out_se,
+        }
+        alike: list[tuple[KnownTerm, dict[str, object]]] = [
+            (other.term, {"status": "fits as well", "size": other.size, "behind": other.behind})
+            for other in one.alike
+        ]
+        rows += [
+            {
+                "step": step,
+                "formula": term.formula,
+                "columns": ", ".join(term.columns),
+                "unit": term.unit,
+            }
+            | facts
+            for term, facts in ((one.term, taken), *alike)
+        ]
     return pd.DataFrame(rows) if rows else None
 
 

@@ -81,12 +81,12 @@ class CountMisfit:
         return self.p_value < COUNT_LEVEL
 
     @property
-    def burst(self) -> int:
+    def burst(self) -> float:
         """Actuators that burst."""
         return sum(one.ruptured for one in self.levels)
 
     @property
-    def tested(self) -> int:
+    def tested(self) -> float:
         """Actuators that were tested."""
         return sum(one.tested for one in self.levels)
 
