@@ -1,13 +1,12 @@
 """Findings of a run, and the content of ``verdict.json`` in numbers and words."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.catalogue import CATALOGUE, mechanism_of
-from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.conflict import questioned
 from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.criticism.checks.residuals import (
@@ -475,36 +474,35 @@ def suspects_of(
         found = doubts(whole, outline(whole).expected) if known else ()
     odd = [_odd(one, results, whole) for one in assembly.aside if one.suspect is not None]
     out = {(one.table, n) for one in assembly.aside if one.suspect is None for n in one.specimens}
-    beyond = [_beyond(one) for one in assembly.beyond]
-    return (*odd, *beyond, *(_suspect(doubt, out) for doubt in found))
-
-
-def _beyond(one: Exclusion) -> SuspectEntry:
-    """Return the entries of readings that no curve reaches."""
-    several = len(one.specimens) > 1
-    lowest = min(pressure for _, pressure, *_ in one.readings)
-    return SuspectEntry(
-        file=f"{one.table}.csv",
-        specimen=None if several else one.specimens[0],
-        specimens=one.specimens if several else (),
-        why=sentences("findings", "beyond", one=one, lowest=lowest),
-        oddity="beyond",
-        readings=len(one.readings),
-        set_aside=True,
-    )
-
-
-def _suspect(doubt: Doubt, out: Collection[tuple[str | None, str]]) -> SuspectEntry:
-    fault = doubt.fault
-    set_aside = (FILES.get(fault.file), fault.specimen) in out and doubt.is_alone
-    return SuspectEntry(
-        file=fault.file,
-        specimen=fault.specimen,
-        column=fault.column,
-        value=fault.value,
-        why=f"{doubt}; it is set aside" if set_aside else str(doubt),
-        set_aside=set_aside,
-    )
+    beyond = [
+        SuspectEntry(
+            file=f"{one.table}.csv",
+            specimen=one.specimens[0] if len(one.specimens) == 1 else None,
+            specimens=one.specimens if len(one.specimens) > 1 else (),
+            why=sentences(
+                "findings", "beyond", one=one, lowest=min(p for _, p, *_ in one.readings)
+            ),
+            oddity="beyond",
+            readings=len(one.readings),
+            set_aside=True,
+        )
+        for one in assembly.beyond
+    ]
+    by_columns = []
+    for doubt in found:
+        fault = doubt.fault
+        set_aside = (FILES.get(fault.file), fault.specimen) in out and doubt.is_alone
+        by_columns.append(
+            SuspectEntry(
+                file=fault.file,
+                specimen=fault.specimen,
+                column=fault.column,
+                value=fault.value,
+                why=f"{doubt}; it is set aside" if set_aside else str(doubt),
+                set_aside=set_aside,
+            )
+        )
+    return (*odd, *beyond, *by_columns)
 
 
 def _odd(one: Exclusion, results: Results, whole: Study) -> SuspectEntry:
@@ -584,27 +582,6 @@ FEW_ERRORS = 2.0  # standard errors within which a gain may be zero
 LIKELY = 0.5  # probability of a cause above which the text says why it is not named
 
 
-@dataclass(frozen=True)
-class _NamedCause:
-    name: str
-    mechanism: str
-    sizes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Rival:
-    name: str
-    cause: str
-    gap: float
-
-
-@dataclass(frozen=True)
-class _ModeError:
-    name: str
-    before: float
-    after: float
-
-
 def explain(judgement: Judgement, where: str) -> str:
     """Return the explanation: what is wrong, why, how sure, what else it could be.
 
@@ -615,30 +592,65 @@ def explain(judgement: Judgement, where: str) -> str:
     where : str
         Where the misfit is, in a sentence.
     """
-    misfit, decision = judgement.misfit, judgement.decision
-    count = len(misfit.null)
+    misfit, decision, candidates = judgement.misfit, judgement.decision, judgement.candidates
     counted, degrades = judgement.counted, judgement.search.base.subject.degrades
+    count = len(misfit.null)
+
+    # the causes decided on, with the sizes of their parameters
+    tried = {cause.name: cause for cause in judgement.search.causes}
+    known = {name: tried[name] if name in tried else CATALOGUE[name] for name in decision.causes}
+    effects = {one.cause: one.effect for one in candidates}
+    causes = [
+        {
+            "name": name,
+            "mechanism": cause.mechanism,
+            "sizes": [
+                _size(parameter, effects[name][parameter.name])
+                for parameter in cause.parameters
+                if parameter.name in effects.get(name, ())
+            ],
+        }
+        for name, cause in known.items()
+    ]
+
+    # the best replacement for a named cause, and its deficit in evidence
+    rivals = [
+        (gap, {"name": name, "cause": one.cause, "gap": gap})
+        for one in judgement.supported
+        if one.cause in decision.causes
+        for name, gap in one.rivals.items()
+    ]
+    judged = [c for c in candidates if c.log_bayes_factor is not None]
+
     contradicted = counted is not None and counted.misfit.contradicts
+    others = [one.p_value for one in (judgement.rupture, judgement.contradicted) if one is not None]
+    by_counts_alone = (
+        contradicted
+        and all(p > MISFIT_LEVEL for p in (misfit.p_value, *others))
+        and not (judgement.supported or judgement.questioned)
+        and not any(one.is_more_than_chance for one in judgement.shared)
+    )
     said = sentences(
         "verdict",
         "explanation",
         j=judgement,
         degrades=degrades,
         counts=worded(counted, degrades=degrades) if contradicted else "",
-        by_counts_alone=contradicted and _agrees_otherwise(judgement),
+        by_counts_alone=by_counts_alone,
         where=where,
         outcome=str(decision.outcome),
-        catalogue={name: _known(judgement, name) for name in decision.causes},
-        causes=[_named(judgement, name) for name in decision.causes],
+        catalogue=known,
+        causes=causes,
         named_or=" or ".join(decision.causes),
         favoured=" and ".join(one.cause for one in judgement.supported),
         reasons="; ".join(worded(one, degrades=degrades) for one in decision.reasons),
         uncalibrated="" if misfit.is_calibrated else worded(uncalibrated(misfit)),
         count=count,
         larger=round(misfit.p_value * (count + 1) - 1) if np.isfinite(misfit.p_value) else 0,
-        likely=_likely(judgement),
-        nearest=_nearest(judgement),
-        rival=_rival(judgement),
+        # the cause that the table shows as likely
+        likely=next((c for c in candidates if (c.probability or 0.0) >= LIKELY), None),
+        nearest=max(judged, key=lambda c: c.log_bayes_factor or 0.0, default=None),
+        rival=min(rivals, key=lambda one: one[0])[1] if rivals else None,
         shares=_shares(judgement),
         modes=_modes(judgement),
         level=MISFIT_LEVEL,
@@ -650,26 +662,6 @@ def explain(judgement: Judgement, where: str) -> str:
     return said.replace(SPACE, " ")
 
 
-def _agrees_otherwise(judgement: Judgement) -> bool:
-    """Return whether only rupture counts contradict the base model."""
-    rupture, mean = judgement.rupture, judgement.contradicted
-    beside = [one.p_value for one in (rupture, mean) if one is not None]
-    shared = any(one.is_more_than_chance for one in judgement.shared)
-    quiet = judgement.misfit.p_value > MISFIT_LEVEL and all(p > MISFIT_LEVEL for p in beside)
-    return quiet and not (judgement.supported or judgement.questioned or shared)
-
-
-def _likely(judgement: Judgement) -> Candidate | None:
-    """Return the cause that the table shows as likely."""
-    return next((c for c in judgement.candidates if (c.probability or 0.0) >= LIKELY), None)
-
-
-def _nearest(judgement: Judgement) -> Candidate | None:
-    """Return the candidate with the largest log Bayes factor; None if none was judged."""
-    judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
-    return max(judged, key=lambda c: c.log_bayes_factor or 0.0, default=None)
-
-
 def _shares(judgement: Judgement) -> tuple[float, float] | None:
     """Return the explained share of the misfit on either scale; None if unknown."""
     calibrated = judgement.misfit.is_calibrated and judgement.left.is_calibrated
@@ -679,47 +671,23 @@ def _shares(judgement: Judgement) -> tuple[float, float] | None:
     return round(own, 3), round(common, 3)
 
 
-def _modes(judgement: Judgement) -> list[_ModeError]:
+def _modes(judgement: Judgement) -> list[dict[str, object]]:
     """Return the errors of held-out modes before and after [MPa]."""
     subject, held_out = judgement.search.base.subject, judgement.held_out
-    whole = subject.holds_out_modes
-    if not whole or len(held_out) < 2:
+    if not subject.holds_out_modes or len(held_out) < 2:
         return []
     ends = {name: held_out[name] for name in (next(iter(held_out)), list(held_out)[-1])}
     error = mode_table(subject, ends).pivot(index="mode", columns="model", values="rmse_MPa")
     return [
-        _ModeError(str(mode), float(row.iloc[0]), float(row.iloc[1]))
+        {"name": str(mode), "before": float(row.iloc[0]), "after": float(row.iloc[1])}
         for mode, row in error[list(ends)].iterrows()
     ]
 
 
-def _named(judgement: Judgement, name: str) -> _NamedCause:
-    cause = _known(judgement, name)
-    effect = next((c.effect for c in judgement.candidates if c.cause == name), {})
-    sizes = tuple(_size(p, effect[p.name]) for p in cause.parameters if p.name in effect)
-    return _NamedCause(name, cause.mechanism, sizes)
-
-
 def _size(parameter: Parameter, effect: EffectSize) -> str:
+    """Word the size of a cause's parameter; that of a choice has no interval."""
     unit = "" if effect.unit == "–" else f" {effect.unit}"
     size = f"{parameter.meaning}: {effect.mean:.3g}{unit}"
     if isinstance(parameter.law, Choice):
         return size
     return f"{size}, 90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
-
-
-def _rival(judgement: Judgement) -> _Rival | None:
-    """Return the best replacement for a named cause, and its deficit in evidence."""
-    rivals = [
-        _Rival(name, one.cause, gap)
-        for one in judgement.supported
-        if one.cause in judgement.decision.causes
-        for name, gap in one.rivals.items()
-    ]
-    return min(rivals, key=lambda rival: rival.gap, default=None)
-
-
-def _known(judgement: Judgement, name: str) -> Cause:
-    """Return a cause by name: one that was tried, or one of the catalogue."""
-    tried = (cause for cause in judgement.search.causes if cause.name == name)
-    return next(tried, None) or CATALOGUE[name]
