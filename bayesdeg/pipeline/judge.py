@@ -502,7 +502,14 @@ def judge(
     guard, progress = guard or Guard(strict=True), progress or Silent()
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    search = Search(base, catalogue.candidates, _on(base, effort), searching, executor=executor)
+    forward = any(one.uses_forward for one in base.subject.criticised)
+    search = Search(
+        base,
+        catalogue.candidates,
+        replace(effort, most=MOST if forward else MOST_OF_FILMS),
+        searching,
+        executor=executor,
+    )
     rupture, confused = _begun(search, generator)
     chosen, alone, final = _searched(search, progress)
     counting = _begun_counts(final.trial, catalogue, seed, executor)
@@ -624,7 +631,16 @@ def _tried(
 ) -> tuple[Candidate, ...]:
     """Return every cause, also those that cannot be judged, the most probable first."""
     judged = candidates(search, supported, everything, generator)
-    return _with_counted([*judged, *_unjudged(catalogue)], counted)
+    return _with_counted(
+        [
+            *judged,
+            *[
+                Candidate(name, None, None, None, None, None, {}, fitted=False, why=why)
+                for name, why in catalogue.unjudged.items()
+            ],
+        ],
+        counted,
+    )
 
 
 def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Candidate, ...]:
@@ -702,12 +718,6 @@ def _described(
     linear, batches = step.trial.linear, catalogue.batches
     columns = misfit_columns(linear, step.simulated, step.misfit, batches=batches)
     return Description(step, found, columns)
-
-
-def _on(base: CandidateFit, effort: SearchEffort) -> SearchEffort:
-    """Return the effort with the number of replicates needed for p-values near the level."""
-    forward = any(one.uses_forward for one in base.subject.criticised)
-    return replace(effort, most=MOST if forward else MOST_OF_FILMS)
 
 
 def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
@@ -893,10 +903,3 @@ def _beside_the_law(
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
     return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))
-
-
-def _unjudged(catalogue: Catalogue | Assembly) -> list[Candidate]:
-    return [
-        Candidate(name, None, None, None, None, None, {}, fitted=False, why=why)
-        for name, why in catalogue.unjudged.items()
-    ]

@@ -68,7 +68,11 @@ def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | Non
     if not isinstance(model.world, FilmsAndActuators) or model.actuator is None:
         return assembly
     whole, beyond = assembly.whole or study, assembly.beyond
-    seen = _doubted(study)
+    seen = tuple(
+        Exclusion(None, FILES[fault.file], (str(fault.specimen),), ())
+        for fault in in_another_unit(study)
+        if fault.file in FILES
+    )
     if seen:
         rest = set_aside(study, seen)
         found = without_suspects(rest, assemble(rest, forward), forward)
@@ -93,15 +97,6 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
         return _mode_of(set_aside(study, asides(model, found)), forward, model, mode)
 
     return find_suspects(model, mode, refit, _batches(study))
-
-
-def _doubted(study: Study) -> tuple[Exclusion, ...]:
-    """Return single specimens with values many times those of the others: a different unit."""
-    return tuple(
-        Exclusion(None, FILES[fault.file], (str(fault.specimen),), ())
-        for fault in in_another_unit(study)
-        if fault.file in FILES
-    )
 
 
 def _mode_of(

@@ -40,7 +40,7 @@ from bayesdeg.criticism.fit.trials import BENT, CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.model import JointModel
 from bayesdeg.priors import Flat, Parameter
 
@@ -149,10 +149,6 @@ def all_else(model: JointModel, start: Floats) -> AllElse:
         found = max(found, more, key=lambda one: one.effective)
     if found.effective < FEWEST_EFFECTIVE:
         raise ValueError(f"all else is known from {found.effective:.0f} effective draws only")
-    return _weighted(found)
-
-
-def _weighted(found: Evidence) -> AllElse:
     kept = np.isfinite(found.log_weights)
     weights = np.exp(found.log_weights[kept] - logsumexp(found.log_weights[kept]))
     return AllElse(found.draws[kept], weights, found.effective)
@@ -361,7 +357,11 @@ class Split:
         direct = measured(self.model, self.trial.mode)
         names = self.model.table.names
         found = [self._one(p, names.index(p.name), direct.get(p.name)) for p in self.model.base]
-        return tuple(_with_all_counted(found))
+        judged = [k for k, one in enumerate(found) if one.is_judged]
+        adjusted = holm(np.array([found[k].p_value for k in judged]))
+        for k, p_value in zip(judged, adjusted, strict=True):
+            found[k] = replace(found[k], adjusted=float(p_value))
+        return tuple(found)
 
     def _one(self, parameter: Parameter, place: int, direct: Measured | None) -> Displacement:
         law, share = parameter.law, float(self.learned[place])
@@ -428,7 +428,13 @@ class Split:
         effect : PlacedEffect
             That of its causes.
         """
-        there = dict(zip(trial.subject.table.names, _mean_of(trial), strict=True))
+        there = dict(
+            zip(
+                trial.subject.table.names,
+                np.asarray(np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0)),
+                strict=True,
+            )
+        )
         back = np.mean(self.draws, axis=0) - [there[name] for name in self.model.table.names]
         return np.asarray((back - self._by_films(effect)) / self.known.sd)
 
@@ -439,18 +445,6 @@ class Split:
             return np.zeros(len(self.known.mean))
         moved = films.whiten_columns(films.jacobian @ self.trial.uncertain)
         return np.asarray(moved.T @ films.whiten_columns(effect.of(films.subject)))
-
-
-def _mean_of(trial: CandidateFit) -> Floats:
-    return np.asarray(np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0))
-
-
-def _with_all_counted(found: list[Displacement]) -> list[Displacement]:
-    judged = [k for k, one in enumerate(found) if one.is_judged]
-    adjusted = holm(np.array([found[k].p_value for k in judged]))
-    for k, p_value in zip(judged, adjusted, strict=True):
-        found[k] = replace(found[k], adjusted=float(p_value))
-    return found
 
 
 def split(trial: CandidateFit) -> Split:

@@ -207,13 +207,16 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
     statistic, best = largest_ratio(linear.observed[None], kernels)
     null, _ = largest_ratio(linear.whiten(simulated[known]), kernels)
     kernel = kernels[int(best[0]) // len(AMPLITUDES)]
+    amplitude = AMPLITUDES[int(best[0]) % len(AMPLITUDES)]
+    signal = amplitude**2 * kernel.values
+    shrunk = kernel.vectors @ ((signal / (1.0 + signal)) * (linear.observed @ kernel.vectors))
     return Misfit(
         statistic=float(statistic[0]),
         null=null,
         p_value=_p_value(float(statistic[0]), null),
         family=kernel.family,
         label=kernel.label,
-        discrepancy=_posterior_mean(linear, kernel, AMPLITUDES[int(best[0]) % len(AMPLITUDES)]),
+        discrepancy=linear.whitening.coloured(shrunk),
         lost=1.0 - float(np.mean(known)) if len(known) else 0.0,
         drawn=len(known),
     )
@@ -348,12 +351,6 @@ def largest_ratio(
         ratios.append(gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None])
     table = np.concatenate(ratios)
     return np.maximum(table.max(axis=0), 0.0), table.argmax(axis=0)
-
-
-def _posterior_mean(linear: Linear, kernel: Discrepancy, amplitude: float) -> Floats:
-    signal = amplitude**2 * kernel.values
-    shrunk = kernel.vectors @ ((signal / (1.0 + signal)) * (linear.observed @ kernel.vectors))
-    return linear.whitening.coloured(shrunk)
 
 
 def interval_with_discrepancy(trial: CandidateFit, name: str) -> tuple[float, float]:

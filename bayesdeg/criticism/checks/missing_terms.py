@@ -242,7 +242,8 @@ def search_terms(
         less = np.where(open_ones, offered.penalty, np.inf)
         unit = directions / scale
         gains = 0.5 * (observed @ unit) ** 2 - less
-        best = _simplest(offered, gains)
+        close = np.flatnonzero(gains > np.max(gains) - BARELY)
+        best = int(min(close, key=lambda i: (*offered.terms[i].simplicity, -gains[i])))
         chance = np.max(0.5 * (null @ unit) ** 2 - less, axis=1) if len(null) else np.zeros(0)
         p_value = float(chance_of(float(np.max(gains)), chance)) if len(null) else float("nan")
         found.append(Pick(best, gains, p_value))
@@ -251,12 +252,6 @@ def search_terms(
         along = unit[:, best]
         directions = directions - np.outer(along, along @ directions)
     return tuple(found)
-
-
-def _simplest(offered: KnownTerms, gains: Floats) -> int:
-    """Return the simplest of the terms that gain almost as much as the best."""
-    close = np.flatnonzero(gains > np.max(gains) - BARELY)
-    return int(min(close, key=lambda i: (*offered.terms[i].simplicity, -gains[i])))
 
 
 def _given(picks: Sequence[Pick], held: Floats | None) -> int:
@@ -313,6 +308,9 @@ def _term(
     unit = term.per_unit
     gain = None if held is None else _gain_of(held, place)
     alike = _alike(linear, offered, pick)
+    change = mean * offered.directions[:, pick.index]
+    kind = linear.subject.places.kind
+    found = (np.max(np.abs(change[kind == one])) / term.scales[one][0] for one in term.kinds)
     return MissingTerm(
         term=term,
         size=unit * mean,
@@ -326,15 +324,8 @@ def _term(
         alike=alike[:MOST_ALIKE],
         count_alike=len(alike),
         change=mean * offered.directions[:, pick.index],
-        largest=_largest(linear, term, mean * offered.directions[:, pick.index]),
+        largest=float(max(found)),
     )
-
-
-def _largest(linear: Linear, term: KnownTerm, change: Floats) -> float:
-    """Return the largest change of a reading relative to the largest reading of its kind."""
-    kind = linear.subject.places.kind
-    found = (np.max(np.abs(change[kind == one])) / term.scales[one][0] for one in term.kinds)
-    return float(max(found))
 
 
 def _alike(linear: Linear, offered: KnownTerms, pick: Pick) -> tuple[AlikeTerm, ...]:

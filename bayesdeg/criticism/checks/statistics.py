@@ -514,9 +514,16 @@ def statistics_table(
     null = linear.whiten(known)
     replicated = np.stack([s.of(null) for s in there]) if there else np.empty((0, len(known)))
     value = np.array([float(s.of(linear.observed)) for s in there])
-    far = _distance(
-        np.column_stack([value, replicated]), np.array([s.squares for s in there], dtype=bool)
-    )
+    # The first column is of the data. It is included in the median and the spread, so data from
+    # the model are exchangeable with simulated ones and p-values are exact. Mean squares are
+    # compared by their cube roots, which are nearly normal (Wilson & Hilferty 1931).
+    values = np.column_stack([value, replicated])
+    squares = np.array([s.squares for s in there], dtype=bool)
+    scaled = values.copy()
+    scaled[squares] = np.cbrt(values[squares])
+    middle = np.median(scaled, axis=1, keepdims=True)
+    low, high = np.quantile(scaled, [0.05, 0.95], axis=1)
+    far: Floats = np.abs(scaled - middle) / (high - low)[:, None]
     p_value = chance_of(far[:, 0], far[:, 1:])
     adjusted = adjusted_p_values(far[:, 0], far[:, 1:])
     calibrated = iter(zip(value, replicated, p_value, adjusted, strict=True))
@@ -585,21 +592,6 @@ def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
     adjusted = np.empty(len(order))
     adjusted[order] = stepped
     return adjusted
-
-
-def _distance(values: Floats, squares: NDArray[np.bool_]) -> Floats:
-    """Return distances from the median over the spread, (m, 1 + k).
-
-    The first column is of the data. It is included in the median and the spread, so data from the
-    model are exchangeable with simulated ones and p-values are exact. Mean squares are compared by
-    their cube roots, which are nearly normal (Wilson & Hilferty 1931).
-    """
-    scaled = values.copy()
-    scaled[squares] = np.cbrt(values[squares])
-    middle = np.median(scaled, axis=1, keepdims=True)
-    low, high = np.quantile(scaled, [0.05, 0.95], axis=1)
-    distance: Floats = np.abs(scaled - middle) / (high - low)[:, None]
-    return distance
 
 
 def _physical(

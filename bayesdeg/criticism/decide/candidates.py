@@ -185,11 +185,46 @@ def candidates(
     shares = probabilities(search)
     named = {one.cause: one for one in supported}
     found = []
+    base, chosen = search.base.names, frozenset(named)
     for cause in search.causes:
+        alone = frozenset({cause.name})
         if cause.name in named:
-            found.append(_named(search, named, cause, shares[cause.name], generator))
+            one = named[cause.name]
+            names, rest, factor = chosen, chosen - alone, one.log_bayes_factor
+            gain, error, chance = one.elpd_diff, one.elpd_diff_se, one.chance
+        elif alone in search.trials:
+            names, rest, factor = alone, base, max(search.factor(alone), LEAST)
+            tested = alone in held_out and base in held_out
+            gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
+            chance = search.step(base).chance_of(search.factor(alone))
         else:
-            found.append(_other(search, cause, shares[cause.name], held_out, generator))
+            factor = search.step(base).screened[cause.name].log_bayes_factor
+            found.append(
+                Candidate(
+                    cause.name,
+                    max(factor, LEAST),
+                    shares[cause.name],
+                    *3 * (None,),
+                    {},
+                    fitted=False,
+                    naming_p_value=search.step(base).chance_of(factor),
+                )
+            )
+            continue
+        errors = (search.trials[one].posterior.error for one in (names, rest))
+        found.append(
+            Candidate(
+                cause=cause.name,
+                log_bayes_factor=factor,
+                probability=shares[cause.name],
+                explained_fraction=fraction_explained(search.step(base), search.step(names)),
+                elpd_diff=gain,
+                elpd_diff_se=error,
+                effect=effect_sizes(search.trials[names], cause, generator),
+                log_bayes_factor_error=float(np.hypot(*errors)),
+                naming_p_value=chance,
+            )
+        )
     return sorted(found, key=lambda c: (-(c.probability or 0.0), -(c.log_bayes_factor or LEAST)))
 
 
@@ -228,63 +263,3 @@ def effect_size(draws: Floats, unit: str) -> EffectSize:
     """Summarise posterior draws of one parameter of a cause."""
     low, high = np.quantile(draws, [0.05, 0.95])
     return EffectSize(float(np.mean(draws)), float(np.std(draws)), float(low), float(high), unit)
-
-
-def _named(
-    search: Search,
-    named: Mapping[str, Support],
-    cause: Cause,
-    probability: float,
-    generator: np.random.Generator,
-) -> Candidate:
-    one, chosen = named[cause.name], frozenset(named)
-    return Candidate(
-        cause=cause.name,
-        log_bayes_factor=one.log_bayes_factor,
-        probability=probability,
-        explained_fraction=fraction_explained(search.step(search.base.names), search.step(chosen)),
-        elpd_diff=one.elpd_diff,
-        elpd_diff_se=one.elpd_diff_se,
-        effect=effect_sizes(search.trials[chosen], cause, generator),
-        log_bayes_factor_error=_error(search, chosen, chosen - {cause.name}),
-        naming_p_value=one.chance,
-    )
-
-
-def _other(
-    search: Search,
-    cause: Cause,
-    probability: float,
-    held_out: Mapping[Names, HeldOut],
-    generator: np.random.Generator,
-) -> Candidate:
-    alone, base = frozenset({cause.name}), search.base.names
-    if alone not in search.trials:
-        factor = search.step(base).screened[cause.name].log_bayes_factor
-        return Candidate(
-            cause.name,
-            max(factor, LEAST),
-            probability,
-            *3 * (None,),
-            {},
-            fitted=False,
-            naming_p_value=search.step(base).chance_of(factor),
-        )
-    tested = alone in held_out and base in held_out
-    gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
-    return Candidate(
-        cause=cause.name,
-        log_bayes_factor=max(search.factor(alone), LEAST),
-        probability=probability,
-        explained_fraction=fraction_explained(search.step(base), search.step(alone)),
-        elpd_diff=gain,
-        elpd_diff_se=error,
-        effect=effect_sizes(search.trials[alone], cause, generator),
-        log_bayes_factor_error=_error(search, alone, base),
-        naming_p_value=search.step(base).chance_of(search.factor(alone)),
-    )
-
-
-def _error(search: Search, one: Names, other: Names) -> float:
-    """Return the Monte Carlo standard error of the log Bayes factor of two sets [nats]."""
-    return float(np.hypot(search.trials[one].posterior.error, search.trials[other].posterior.error))

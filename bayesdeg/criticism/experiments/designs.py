@@ -70,7 +70,10 @@ class ActuatorDesign:
     @classmethod
     def of(cls, data: ActuatorCurves) -> Self:
         """Return the design of a study's actuator tests."""
-        levels = _levels(data.degradation[:, 0])
+        rates = data.degradation[:, 0]
+        rising = np.sort(rates)
+        groups = np.split(rising, np.flatnonzero(np.diff(rising) >= SAME_LEVEL) + 1)
+        levels = tuple(float(round(group.mean(), 1)) for group in groups)
         counts = [len(_near(data, level)) for level in levels]
         steps = np.diff(data.time, axis=1)[data.mask[:, 1:]]
         steps = steps[steps > 0.0]
@@ -256,13 +259,6 @@ def _most_common[T: np.generic](values: NDArray[T]) -> T:
     found, counts = np.unique(values, return_counts=True)
     common: T = found[np.argmax(counts)]
     return common
-
-
-def _levels(rates: Floats) -> tuple[float, ...]:
-    """Return the mean of each group of close rates, rounded to 0.1 %."""
-    rising = np.sort(rates)
-    groups = np.split(rising, np.flatnonzero(np.diff(rising) >= SAME_LEVEL) + 1)
-    return tuple(float(round(group.mean(), 1)) for group in groups)
 
 
 def _near(data: ActuatorCurves, level: float) -> NDArray[np.intp]:

@@ -65,7 +65,16 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
     if not linear.is_known:
         return linear
     own = linear.subject.deviations(linear.mode)
-    scatters, together = _scatters(linear, own), _together(linear, own)
+    subject = linear.subject
+    of_causes = {k for cause in subject.causes for k in columns_of(subject, cause)}
+    still = ~is_seen(linear.whiten_columns(linear.jacobian))
+    found = []
+    for k in np.flatnonzero(still):
+        moved = linear.mode.copy()
+        moved[k] += 0.5
+        if k not in of_causes and np.any(subject.deviations(moved).spread > own.spread):
+            found.append(int(k))
+    scatters, together = found, _together(linear, own)
     if len(scatters) != 1 or not together:
         return linear
     place = scatters[0]
@@ -126,20 +135,6 @@ class _Law:
         fitted = self.linear.scatter - slope * lost @ slope.T
         total[np.ix_(rows, rows)] = fitted[np.ix_(rows, rows)]
         return total
-
-
-def _scatters(linear: Linear, own: Deviations) -> list[int]:
-    """Return parameters that only widen specimen scatter, without those of causes."""
-    subject = linear.subject
-    of_causes = {k for cause in subject.causes for k in columns_of(subject, cause)}
-    still = ~is_seen(linear.whiten_columns(linear.jacobian))
-    found = []
-    for k in np.flatnonzero(still):
-        moved = linear.mode.copy()
-        moved[k] += 0.5
-        if k not in of_causes and np.any(subject.deviations(moved).spread > own.spread):
-            found.append(int(k))
-    return found
 
 
 def _together(linear: Linear, own: Deviations) -> list[Floats]:

@@ -84,7 +84,10 @@ class Whitening:
 
     def sharing(self, shared: Floats) -> "Whitening":
         """Return the whitening for the same scatter and a different shared part, (n, r)."""
-        vectors, size, _ = np.linalg.svd(_finite(self.inverse @ shared), full_matrices=False)
+        columns = self.inverse @ shared
+        vectors, size, _ = np.linalg.svd(
+            np.where(np.isfinite(columns), columns, 0.0), full_matrices=False
+        )
         kept = size > FAINT * size.max(initial=1.0)
         if not np.all(np.isfinite(shared)):
             vectors = np.full_like(vectors, np.nan)
@@ -150,10 +153,6 @@ def _sparse(blocks: list[tuple[NDArray[np.intp], Floats]], size: int) -> csr_arr
     values = np.concatenate([block.ravel() for _, block in blocks])
     kept = values != 0.0
     return csr_array(coo_array((values[kept], (row[kept], column[kept])), shape=(size, size)))
-
-
-def _finite(columns: Floats) -> Floats:
-    return np.where(np.isfinite(columns), columns, 0.0)
 
 
 ROUNDING = 1e-6  # standard deviations of the readings
@@ -289,7 +288,8 @@ def linearise(
     whitening = Whitening.of(scatter, jacobian @ rooted(uncertain))
     moves = is_seen(whitening.whitened(jacobian))
     if centre is None:
-        shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
+        found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
+        shift = uncertain @ np.where(moves, found, 0.0)
     else:
         shift = centre - mode
     mean = prediction + jacobian @ shift
@@ -301,12 +301,6 @@ def rooted(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariance)
     root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
-
-
-def _slope(subject: JointModel, mode: Floats, uncertain: Floats) -> Floats:
-    """Return the gradient of the log density of the parameters given all but the readings."""
-    found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
-    return found
 
 
 def rest_covariance(subject: JointModel, start: Floats) -> Floats:

@@ -100,7 +100,7 @@ def predict_left_out(
         Everything random comes from it.
     """
     training = without(model, [specimen])
-    testing = without(model, [name for name in _names(model) if name != specimen])
+    testing = without(model, [name for name in tuple(blocks_of(model)) if name != specimen])
     best = draws[int(np.argmax(log_weights))]
     posterior = None
     if reached:
@@ -178,10 +178,6 @@ def bridge(
 
 def _density(testing: JointModel, draws: Floats) -> Floats:
     return specimen_density(testing, testing.table.named(draws))[2][:, 0]
-
-
-def _names(model: JointModel) -> tuple[str, ...]:
-    return tuple(blocks_of(model))
 
 
 Flags = NDArray[np.bool_]

@@ -297,14 +297,9 @@ def _find_noise(
     optimize = importlib.import_module("scipy.optimize")
     options = {"gtol": FLAT, "eps": STEP, "hess_inv0": inverse}
     found = optimize.minimize(loss, z, method="BFGS", options=options)
-    return np.asarray(found.x, dtype=np.float64), _definite(found.hess_inv)
-
-
-def _definite(inverse: Floats) -> Floats:
-    """Return an inverse Hessian with eigenvalues suited to logarithms."""
-    values, vectors = np.linalg.eigh(0.5 * (inverse + inverse.T))
+    values, vectors = np.linalg.eigh(0.5 * (found.hess_inv + found.hess_inv.T))
     kept: Floats = (vectors * np.clip(values, *VARIANCES)) @ vectors.T
-    return 0.5 * (kept + kept.T)
+    return np.asarray(found.x, dtype=np.float64), 0.5 * (kept + kept.T)
 
 
 def _find_coordinates(
@@ -374,15 +369,13 @@ def _calibrate(
     return Calibrated(point, precision, noise, FitStart(point.u, z, inverse))
 
 
-def _start(films: LevelFilms) -> Floats:
-    """Return noise at the medians of its priors, unconstrained."""
-    laws = (films.priors[name] for name in NOISE)
-    return np.array([float(law.to_unconstrained(law.quantile(0.5))) for law in laws])
-
-
 def _from_all_starts(form: LawForm, films: LevelFilms) -> Calibrated:
     """Calibrate a law to all films, from each of its starts; return the most probable."""
-    weights, z = np.ones(len(films.member)), _start(films)
+    laws = (films.priors[name] for name in NOISE)
+    weights, z = (
+        np.ones(len(films.member)),
+        np.array([float(law.to_unconstrained(law.quantile(0.5))) for law in laws]),
+    )
     found = [
         _calibrate(
             form,

@@ -318,6 +318,9 @@ def _sensitivity(
     """Return the sensitivity of one quantity to prior and likelihood, ``whole`` and ``parts``."""
     distances = [power_scaling(draws, part) for part in whole]
     noises = [noise_of(draws, part) for part in whole]
+    log_density = whole[0].log_density
+    spread = float(np.std(draws))
+    covariance = float(np.mean((draws - draws.mean()) * (log_density - log_density.mean())))
     return Sensitivity(
         quantity=name,
         conclusion=conclusion,
@@ -325,17 +328,10 @@ def _sensitivity(
         likelihood=distances[1],
         prior_noise=noises[0],
         likelihood_noise=noises[1],
-        shift=_shift(draws, whole[0].log_density),
+        shift=float(np.log(2.0)) * covariance / spread if spread > 0.0 else 0.0,
         hangs_on=_largest(draws, parts[0]) if noticeable(distances[0], noises[0]) else "",
         rests_on=_largest(draws, parts[1]) if conclusion else "",
     )
-
-
-def _shift(draws: Floats, log_density: Floats) -> float:
-    """Change of the mean per doubling, ln 2 cov(q, ln p), over the standard deviation."""
-    spread = float(np.std(draws))
-    covariance = float(np.mean((draws - draws.mean()) * (log_density - log_density.mean())))
-    return float(np.log(2.0)) * covariance / spread if spread > 0.0 else 0.0
 
 
 def _largest(draws: Floats, parts: Mapping[str, Scaling]) -> str:
