@@ -34,11 +34,10 @@ from scipy.special import logsumexp, ndtr
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.fit.linear import Linear, linearise
+from bayesdeg.criticism.fit.linear import Linear, columns_of, linearise, with_neutral
 from bayesdeg.criticism.fit.search import LEAST_FACTOR, Names, Search
 from bayesdeg.criticism.fit.trials import BENT, CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.model import JointModel
@@ -377,12 +376,10 @@ class Split:
             moved=float("nan") if is_unknown else float(self.moved[place]),
             learned=share,
         )
-        is_shown = share >= LEAST_LEARNED and (direct is not None or not is_flat)
-        return self._tested(one, place) if is_shown else one
-
-    def _tested(self, one: Displacement, place: int) -> Displacement:
-        """Return it with the test of the readings alone against all else."""
-        sd, share = float(self.known.sd[place]), one.learned
+        if not (share >= LEAST_LEARNED and (direct is not None or not is_flat)):
+            return one
+        # the readings alone against all else
+        sd = float(self.known.sd[place])
         centre = float(self.known.mean[place]) + sd * one.moved / share
         alone = sd * float(np.sqrt((1.0 - share) / share))
         p_value = self.known.p_value(place, centre, alone)
@@ -428,13 +425,8 @@ class Split:
         effect : PlacedEffect
             That of its causes.
         """
-        there = dict(
-            zip(
-                trial.subject.table.names,
-                np.asarray(np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0)),
-                strict=True,
-            )
-        )
+        mean = np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0)
+        there = dict(zip(trial.subject.table.names, mean, strict=True))
         back = np.mean(self.draws, axis=0) - [there[name] for name in self.model.table.names]
         return np.asarray((back - self._by_films(effect)) / self.known.sd)
 

@@ -436,15 +436,15 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownCo
     places = linear.subject.places.subset(rows)
     path = path_of(linear, places)
     tops = _tops(places, linear.prediction[rows])
-    found = np.zeros(len(places))
+    lag = np.zeros(len(places))  # of the path below its largest value so far, as it was read
     keys = np.char.add(np.char.add(places.specimen, "\n"), places.kind)
     for key in np.unique(keys):
         those = np.flatnonzero(keys == key)
-        found[those] = np.maximum.accumulate(places.along[those]) - places.along[those]
+        lag[those] = np.maximum.accumulate(places.along[those]) - places.along[those]
     numbers = {
         path.column: places.along - AT_REST.get(str(places.family[0]), 0.0),
         SIZE: np.abs(linear.prediction[rows]) / np.array([tops[kind] for kind in places.kind]),
-        LAG.column: found,
+        LAG.column: lag,
         DEGRADATION.column: places.level,
         TIME.column: places.time,
         HUMIDITY.column: places.humidity,
@@ -516,6 +516,7 @@ def _terms_of(linear: Linear, rows: Flags, known: KnownColumns) -> Iterator[Know
     longest = float(np.max(np.abs(known.numbers[path.column])))
     plain = KnownTerm(str(places.family[0]), kinds, Acts.FACTOR, (), path, scales, longest)
     loads, states = list(_of_load(path, known)), list(_of_state(places, known))
+    # groups are combined only with trends
     pairs = [
         (one, other)
         for one, other in product(loads, states)

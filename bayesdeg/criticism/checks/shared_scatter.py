@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import FEWEST
-from bayesdeg.criticism.fit.linear import is_seen
+from bayesdeg.criticism.fit.linear import columns_of, is_seen
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
-from bayesdeg.criticism.subject import columns_of
 from bayesdeg.material.degradation import levels
 
 Floats = NDArray[np.float64]

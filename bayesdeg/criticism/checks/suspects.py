@@ -219,12 +219,8 @@ def _of_family(
     order = {name: k for k, name in enumerate(dict.fromkeys(places.specimen[rows].tolist()))}
     rates = [sorted(one, key=lambda name: order[name]) for one in _levels(places, rows)]
     longest = max(map(len, rates), default=0)
-    yield from _of_days(
-        places,
-        rows,
-        (*batches, *[tuple(one[k] for one in rates if k < len(one)) for k in range(longest)]),
-        prediction,
-    )
+    rounds = (tuple(one[k] for one in rates if k < len(one)) for k in range(longest))
+    yield from _of_days(places, rows, (*batches, *rounds), prediction)
 
 
 def _of_actuator(
@@ -240,6 +236,7 @@ def _of_actuator(
             direction = np.where(one, prediction, 0.0)
             yield Irregularity(named[kind], (name,), kind, one, direction)
     yield from _jumps(places, own, name, prediction)
+    # the path cut off at each of its readings
     curved = own & (places.kind == CURVATURE)
     order = np.flatnonzero(curved)
     top = order[np.argmax(prediction[order])] if len(order) else 0
@@ -562,7 +559,12 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
     slopes = jacobian_of(subject, vector) * _prior_widths(subject)
     prediction = subject.expected(vector[None])[0]
     deviations = subject.deviations(vector)
-    known = np.minimum(_stated_spread(subject, vector), deviations.spread)
+    # the variance of specimen deviations without the scatter of stiffness
+    values, alone = dict(subject.table.named(vector[None])), np.zeros_like(deviations.spread)
+    if STIFFNESS_SCATTER.name in values:
+        alike = values | {STIFFNESS_SCATTER.name: np.array([SMALL])}
+        alone = subject.deviations(np.asarray(subject.table.vectors(alike))[0]).spread
+    known = np.minimum(alone, deviations.spread)
     stated, specimens = (
         (deviations.slope * part) @ deviations.slope.T
         for part in (known, deviations.spread - known)
@@ -583,15 +585,6 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
         subject.places.family,
         stated,
     )
-
-
-def _stated_spread(subject: JointModel, vector: Floats) -> Floats:
-    """Return the variance of specimen deviations without the scatter of stiffness."""
-    values = dict(subject.table.named(vector[None]))
-    if STIFFNESS_SCATTER.name not in values:
-        return np.zeros_like(subject.deviations(vector).spread)
-    alike = values | {STIFFNESS_SCATTER.name: np.array([SMALL])}
-    return subject.deviations(np.asarray(subject.table.vectors(alike))[0]).spread
 
 
 def scored(
@@ -1098,6 +1091,7 @@ def _pursued(
     while len(found) < MOST_READINGS * len(places):
         # data already left out need no further explanation
         explained = np.array([bool(np.all(left[one.rows])) for one in pool.known])
+        # no more specimens of a family than allowed
         out = {
             name
             for one in found
@@ -1130,20 +1124,18 @@ def _suspect(pool: Pool, now: Scored, whole: Floats, best: int) -> Suspect:
 
 def _confirmed(pool: Pool, now: Scored, found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
     """Return suspects that remain with all others free, with their sizes then."""
+    index = {id(way): k for k, way in enumerate(pool.known)}
     kept = list(found)
     while kept:
-        judged = [_beside(pool, now, one, [k for k in kept if k is not one]) for one in kept]
+        judged = []
+        for one in kept:
+            free = now
+            for other in kept:
+                if other is not one:
+                    free = free.without(free.columns[:, index[id(other.hypothesis)]])
+            judged.append(_suspect(pool, free, now.norms, index[id(one.hypothesis)]))
         worst = max(range(len(judged)), key=lambda i: judged[i].p_value)
         if judged[worst].p_value < DOUBTFUL:
             return tuple(sorted(judged, key=lambda one: -abs(one.score)))
         del kept[worst]
     return ()
-
-
-def _beside(pool: Pool, now: Scored, one: Suspect, others: Sequence[Suspect]) -> Suspect:
-    """Return a suspect evaluated with the sizes of others free."""
-    index = {id(way): k for k, way in enumerate(pool.known)}
-    free = now
-    for other in others:
-        free = free.without(free.columns[:, index[id(other.hypothesis)]])
-    return _suspect(pool, free, now.norms, index[id(one.hypothesis)])

@@ -6,6 +6,7 @@ is as good where its linear Bayes factor is within odds of 20 of that of a.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from bayesdeg.criticism.fit.linear import Linear, effects, log_bayes_factor, sen
 from bayesdeg.criticism.fit.search import Names, Search, set_penalties
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.criticism.subject import typical_size
 
 Floats = NDArray[np.float64]
 
@@ -53,21 +53,15 @@ class Confusability:
         """Return pairs of causes that would often be confused."""
         return [
             (self.names[i], self.names[j])
-            for i in range(len(self.names))
-            for j in range(i + 1, len(self.names))
-            if self._is_confused(i, j)
+            for i, j in combinations(range(len(self.names)), 2)
+            if np.all(self.visible[[i, j]] > VISIBLE)
+            and max(self.confused[i, j], self.confused[j, i]) > OFTEN
         ]
 
     def rivals(self, name: str) -> list[str]:
         """Return causes that would often be as good as a given one if it acted."""
         i = self.names.index(name)
         return [n for j, n in enumerate(self.names) if j != i and self.confused[i, j] > OFTEN]
-
-    def _is_confused(self, i: int, j: int) -> bool:
-        seen = self.visible[[i, j]] > VISIBLE
-        return bool(
-            (seen[0] and seen[1]) and (self.confused[i, j] > OFTEN or self.confused[j, i] > OFTEN)
-        )
 
 
 NOT_KNOWN = Confusability((), np.zeros(0), np.zeros((0, 0)))
@@ -90,28 +84,27 @@ def confusability(
     if not causes:
         return NOT_KNOWN
     columns = [sensitivities(linear, cause) for cause in causes]
-    changes = np.stack([_typical_effect(linear, cause) for cause in causes])
+    typical = [
+        [p.law.to_unconstrained(c.typical.get(p.name, p.neutral or 0.0)) for p in c.parameters]
+        for c in causes
+    ]
+    changes = np.stack(
+        [
+            np.nan_to_num(effects(linear, cause, np.array([size], dtype=np.float64))[0])
+            for cause, size in zip(causes, typical, strict=True)
+        ]
+    )
     noise = generator.standard_normal((DRAWS, changes.shape[1]))
     confused = np.zeros((len(causes), len(causes)))
     for i, change in enumerate(changes):
         z = change + noise
-        factors = np.stack(
-            [log_bayes_factor(z, _wide(c, d)) for c, d in zip(columns, changes, strict=True)]
-        )
+        # directions of each cause: for small sizes, and for its typical one
+        wide = (np.column_stack(both) for both in zip(columns, changes, strict=True))
+        factors = np.stack([log_bayes_factor(z, directions) for directions in wide])
         confused[i] = np.mean(factors > factors[i] - CLEAR, axis=1)
     return Confusability(
         tuple(cause.name for cause in causes), np.linalg.norm(changes, axis=1), confused
     )
-
-
-def _typical_effect(linear: Linear, cause: Cause) -> Floats:
-    effect: Floats = np.nan_to_num(effects(linear, cause, typical_size(cause)[None])[0])
-    return effect
-
-
-def _wide(columns: Floats, change: Floats) -> Floats:
-    """Return directions of a cause: for small sizes, and for its typical one."""
-    return np.column_stack([columns, change])
 
 
 EFFECT_DRAWS = 2000

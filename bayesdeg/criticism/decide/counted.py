@@ -33,10 +33,9 @@ from bayesdeg.criticism.checks.count_misfit import (
 )
 from bayesdeg.criticism.decide.candidates import Candidate, effect_sizes
 from bayesdeg.criticism.decide.support import Support, prior_tail
-from bayesdeg.criticism.fit.linear import with_prior_moments
+from bayesdeg.criticism.fit.linear import columns_of, with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
 from bayesdeg.criticism.fit.trials import WANTED, CandidateFit, with_sizes
-from bayesdeg.criticism.subject import columns_of
 from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted

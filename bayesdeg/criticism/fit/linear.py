@@ -23,7 +23,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import logsumexp
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, slopes
@@ -349,6 +348,23 @@ def with_prior_moments(
             draws = parameter.law.to_unconstrained(values)
             centre[i], wider[i, i] = float(np.mean(draws)), float(np.var(draws))
     return centre, wider
+
+
+def with_neutral(vector: Floats, density: Density, extended: Density) -> Floats:
+    """Return a vector of an extended model with the added parameters at their neutral values."""
+    known = dict(zip(density.table.names, vector, strict=True))
+    return np.array(
+        [
+            known[p.name] if p.name in known else float(p.law.to_unconstrained(p.neutral or 0.0))
+            for p in extended.table.parameters
+        ]
+    )
+
+
+def columns_of(extended: Density, cause: Cause) -> list[int]:
+    """Return the indices of a cause's parameters in the vectors of an extended model."""
+    names = extended.table.names
+    return [names.index(cause.qualified(p.name)) for p in cause.parameters]
 
 
 def is_seen(columns: Floats) -> NDArray[np.bool_]:

@@ -35,8 +35,15 @@ from scipy.special import log_ndtr, logsumexp
 from scipy.stats import multivariate_t, qmc
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.fit.linear import Linear, effects, is_seen, neutral_sizes, prior_size
-from bayesdeg.criticism.subject import columns_of, with_neutral
+from bayesdeg.criticism.fit.linear import (
+    Linear,
+    columns_of,
+    effects,
+    is_seen,
+    neutral_sizes,
+    prior_size,
+    with_neutral,
+)
 from bayesdeg.inference.density import bounds
 from bayesdeg.inference.laplace import DEGREES_OF_FREEDOM
 from bayesdeg.priors import ParameterTable

@@ -8,8 +8,15 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.level_scatter import within_levels
-from bayesdeg.criticism.fit.linear import Linear, effects, linearise, rest_law, with_prior_moments
-from bayesdeg.criticism.subject import columns_of, with_neutral
+from bayesdeg.criticism.fit.linear import (
+    Linear,
+    columns_of,
+    effects,
+    linearise,
+    rest_law,
+    with_neutral,
+    with_prior_moments,
+)
 from bayesdeg.inference.density import bounds
 from bayesdeg.inference.importance import about_mode, improved, refitted
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
