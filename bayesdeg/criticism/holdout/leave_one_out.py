@@ -33,9 +33,10 @@ from bayesdeg.criticism.holdout.held_out import (
     recalibrated,
     smoothed,
     specimen_density,
+    standard_error,
 )
 from bayesdeg.inference.importance import about_mode, refitted
-from bayesdeg.inference.laplace import Evidence, approximate, weighted
+from bayesdeg.inference.laplace import approximate, weighted
 from bayesdeg.inference.model import JointModel, blocks_of, without
 from bayesdeg.inference.sampling import EFFORTS, Chain
 
@@ -107,7 +108,8 @@ def predict_left_out(
         known = weighted(draws, log_weights)
         posterior = refitted(training, known, np.random.default_rng(seed))
     generator = np.random.default_rng(seed)
-    if posterior is None or not _serves(posterior):
+    serves = posterior is not None and posterior.effective >= FEWEST * ENOUGH_EFFECTIVE
+    if posterior is None or not (serves and posterior.pareto_k <= LARGEST_K):
         posterior = recalibrated(
             training, generator, seed, start=best, enough=ENOUGH_EFFECTIVE, effort=EFFORTS["quick"]
         )
@@ -128,11 +130,6 @@ def predict_left_out(
                 whole.log_evidence - posterior.log_evidence, wide, posterior.effective
             )
     return LeftOutPrediction(density, error, posterior.effective)
-
-
-def _serves(posterior: Evidence) -> bool:
-    enough = posterior.effective >= FEWEST * ENOUGH_EFFECTIVE
-    return enough and posterior.pareto_k <= LARGEST_K
 
 
 def bridge(
@@ -246,8 +243,7 @@ class LeaveOneOut:
     @property
     def total_error(self) -> float:
         """Standard error of the sum, from the scatter over specimens; nan for a single one."""
-        count = len(self.elpd)
-        return float(np.sqrt(count) * np.std(self.elpd, ddof=1)) if count > 1 else float("nan")
+        return standard_error(self.elpd)
 
     def table(self) -> pd.DataFrame:
         """Return one row per specimen: the columns of ``leave_one_out.csv``."""

@@ -26,6 +26,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.holdout.held_out import standard_error
 from bayesdeg.material.degradation import levels as levels_of
 from bayesdeg.material.laws import (
     CONSTANTS,
@@ -532,10 +533,7 @@ class LawComparison:
         """Return the gain in elpd of a law over another, and its standard error over films."""
         gap = (fit.elpd - other.elpd)[slice(None) if rows is None else rows]
         gap = gap[np.isfinite(gap)]
-        if not len(gap):
-            return float("nan"), float("nan")
-        error = np.sqrt(len(gap)) * np.std(gap, ddof=1) if len(gap) > 1 else np.nan
-        return float(np.sum(gap)), float(error)
+        return float(np.sum(gap)) if len(gap) else float("nan"), standard_error(gap)
 
     @property
     def gain(self) -> tuple[float, float]:
@@ -552,8 +550,7 @@ class LawComparison:
     def errors(self) -> tuple[float, float]:
         """Root mean square errors of held-out films, of the best law and its rival [MPa]."""
         every = np.ones(len(self.level), bool)
-        both = (self._rms(fit.held_out_error, every) for fit in (self.best, self.rival))
-        first, second = both
+        first, second = (self._rms(fit.held_out_error, every) for fit in (self.best, self.rival))
         return first, second
 
     def table(self) -> pd.DataFrame:
