@@ -339,10 +339,8 @@ def common_error(fit: CourseFit, stated: Floats) -> CommonError:
 def _course(study: Study, *, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:
     """Calibrate the course of degradation; None without readings of moisture at two times."""
     course = course_model(study)
-    return None if course is None else _calibrate(course, effort=effort, seed=seed)
-
-
-def _calibrate(course: CourseModel, *, effort: Effort, seed: np.random.SeedSequence) -> CourseFit:
+    if course is None:
+        return None
     first, chains = seed.spawn(2)
     generator = np.random.default_rng(first)
     # one thread: the same bits whatever the machine's number of them

@@ -96,7 +96,11 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
     def refit(found: Sequence[Suspect]) -> Floats | None:
         return _mode_of(set_aside(study, asides(model, found)), forward, model, mode)
 
-    return find_suspects(model, mode, refit, _batches(study))
+    batches: dict[str, tuple[str, ...]] = {}
+    for table in (study.actuator, study.tensile):
+        for name, batch in recorded_batches(table).items():
+            batches[batch] = (*batches.get(batch, ()), name)
+    return find_suspects(model, mode, refit, batches.values())
 
 
 def _mode_of(
@@ -115,12 +119,3 @@ def _mode_of(
     found = {name: value[0] for name, value in model.table.named(climbed[None]).items()}
     mode = whole.table.vectors({n: np.array(found.get(n, values[n])) for n in whole.table.names})
     return np.asarray(mode) if np.all(np.isfinite(mode)) else None
-
-
-def _batches(study: Study) -> list[tuple[str, ...]]:
-    """Return the specimens of each batch, if a table records batches."""
-    found: dict[str, tuple[str, ...]] = {}
-    for table in (study.actuator, study.tensile):
-        for name, batch in recorded_batches(table).items():
-            found[batch] = (*found.get(batch, ()), name)
-    return list(found.values())

@@ -83,11 +83,6 @@ COMMON_FACTOR = Cause(
 named itself, since counts cannot tell which of the two it is."""
 
 
-class _Fitted(NamedTuple):
-    mode: Floats
-    posterior: Evidence
-
-
 @dataclass(frozen=True)
 class CountedCause:
     """Evidence of counts for one cause.
@@ -193,7 +188,7 @@ def judge_counts(
     chance: Floats = gained.max(axis=0)
     # log probability of the counts given the readings, without a cause of rupture
     joint = parent.subject.with_observations(counts)
-    plain = _fitted(joint, parent.mode, generator).posterior
+    _, plain = _fitted(joint, parent.mode, generator)
     drawn = float(base.log_probability(counts.tests.ruptured[None])[0])
     without = max(plain.log_evidence - parent.log_evidence, drawn)
     found = [one.judged(parent, base, without, chance, generator) for one in laws]
@@ -217,10 +212,12 @@ def judge_counts(
     return Counted(misfit, tuple(tried), naming_threshold(chance), told, others_say)
 
 
-def _fitted(subject: JointModel, start: Floats, generator: np.random.Generator) -> _Fitted:
-    """Fit a model with the counts from a start: mode and importance sample."""
+def _fitted(
+    subject: JointModel, start: Floats, generator: np.random.Generator
+) -> tuple[Floats, Evidence]:
+    """Return the mode of a model with the counts, and an importance sample about it."""
     laplace = approximate(subject, generator, start=start)
-    return _Fitted(laplace.mode, about_mode(subject, laplace, generator, enough=WANTED))
+    return laplace.mode, about_mode(subject, laplace, generator, enough=WANTED)
 
 
 class _Found(NamedTuple):
