@@ -33,9 +33,9 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.criticism.checks.absorption import Absorption, Split, absorption, split
+from bayesdeg.criticism.fit.linear import columns_of, with_neutral
 from bayesdeg.criticism.fit.search import Search, SearchEffort, run_search
 from bayesdeg.criticism.fit.trials import CandidateFit
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate

@@ -557,7 +557,7 @@ def test_the_tail_of_the_prior_is_that_of_its_law(law, of_law):
     search, chosen = searched(straight.readings(2, wave=0.2), [cause])
     assert chosen == {"wave"}
     size = search.trials[chosen].mode[-1]
-    assert prior_tail(search, chosen, "wave") == pytest.approx(of_law(size), abs=2e-3)
+    assert prior_tail(cause, size) == pytest.approx(of_law(size), abs=2e-3)
     assert of_law(size) > 0.005
 
 

@@ -35,12 +35,11 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.findings import Displacement
-from bayesdeg.criticism.fit.linear import Linear, linearise
+from bayesdeg.criticism.fit.linear import Linear, columns_of, linearise, with_neutral
 from bayesdeg.criticism.fit.search import LEAST_FACTOR, Names, Search
 from bayesdeg.criticism.fit.trials import BENT, CandidateFit
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.model import JointModel
 from bayesdeg.priors import Flat, Parameter
 
@@ -146,10 +145,6 @@ def all_else(model: JointModel, start: Floats) -> AllElse:
         found = max(found, more, key=lambda one: one.effective)
     if found.effective < FEWEST_EFFECTIVE:
         raise ValueError(f"all else is known from {found.effective:.0f} effective draws only")
-    return _weighted(found)
-
-
-def _weighted(found: Evidence) -> AllElse:
     kept = np.isfinite(found.log_weights)
     weights = np.exp(found.log_weights[kept] - logsumexp(found.log_weights[kept]))
     return AllElse(found.draws[kept], weights, found.effective)
@@ -383,7 +378,8 @@ class Split:
         effect : PlacedEffect
             That of its causes.
         """
-        there = dict(zip(trial.subject.table.names, _mean_of(trial), strict=True))
+        mean = np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0)
+        there = dict(zip(trial.subject.table.names, mean, strict=True))
         back = np.mean(self.draws, axis=0) - [there[name] for name in self.model.table.names]
         return np.asarray((back - self._by_films(effect)) / self.known.sd)
 
@@ -394,10 +390,6 @@ class Split:
             return np.zeros(len(self.known.mean))
         moved = films.whiten_columns(films.jacobian @ self.trial.uncertain)
         return np.asarray(moved.T @ films.whiten_columns(effect.of(films.subject)))
-
-
-def _mean_of(trial: CandidateFit) -> Floats:
-    return np.asarray(np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0))
 
 
 def split(trial: CandidateFit) -> Split:

@@ -189,7 +189,9 @@ class CountLaw(NamedTuple):
         different, place = np.unique(counts.astype(int), axis=0, return_inverse=True)
         total = self.log_weights
         for level, tested in enumerate(self.tests.tested):
-            total = total + self._table(level, tested)[:, different[:, level]].T
+            every = np.arange(tested + 1.0)
+            here = Chances(*(part[:, level, None] for part in self.chances))
+            total = total + log_count(every, np.asarray(tested), here)[:, different[:, level]].T
         found: Floats = logsumexp(total, axis=1)[place]
         return found
 
@@ -220,12 +222,6 @@ class CountLaw(NamedTuple):
             )
             for k in range(len(tests.specimens))
         )
-
-    def _table(self, level: int, tested: float) -> Floats:
-        """Return the log probability of every count at a level, (n, tested + 1)."""
-        every = np.arange(tested + 1.0)
-        here = Chances(*(part[:, level, None] for part in self.chances))
-        return log_count(every, np.asarray(tested), here)
 
 
 def can_be_counted(model: JointModel) -> bool:

@@ -75,10 +75,31 @@ def misfit_columns(
     parts = {name: _by_level(linear, rows, labels) for name, labels in columns.items()}
     gains = {n: _gain(linear, np.hstack([*own.values()]), data) for n, own in parts.items()}
     ceiling = max([ceiling, *gains.values()])
+    kinds = linear.subject.places.kind[rows]
+    kind, unit = str(kinds[0]), reading_unit(linear, str(kinds[0]))
+    left, size = linear.unexplained(linear.observed)[rows], np.abs(linear.prediction[rows])
     found = []
     for name, labels in columns.items():
-        shares = {level: _gain(linear, own, data) / ceiling for level, own in parts[name].items()}
-        found.append(_column(linear, rows, name, labels, shares, gains[name] / ceiling))
+        each = []
+        for level, own in parts[name].items():
+            here = labels == level
+            read = here & (kinds == kind) if np.any(here & (kinds == kind)) else here
+            excess = float(np.mean(left[read]))
+            each.append(
+                LevelMisfit(
+                    level=level,
+                    readings=int(np.sum(here)),
+                    share_of_misfit=_gain(linear, own, data) / ceiling,
+                    excess=excess,
+                    excess_pct=100.0 * excess / max(float(np.mean(size[read])), 1e-300),
+                )
+            )
+        share = gains[name] / ceiling
+        found.append(
+            ColumnMisfit(
+                column=name, share_of_misfit=share, kind=kind, unit=unit, levels=tuple(each)
+            )
+        )
     return tuple(sorted(found, key=lambda one: -one.share_of_misfit))
 
 
@@ -112,58 +133,21 @@ def _thirds(values: Floats, unit: str) -> NDArray[np.str_]:
 
 
 def _by_level(linear: Linear, rows: Flags, labels: NDArray[np.str_]) -> dict[str, Floats]:
-    """Return the directions of each level of a column, in the order along the path."""
+    """Return the directions of each level of a column, in the order along the path, (n, r) each.
+
+    A scale and a trend along the path for each kind of reading.
+    """
     places, found = linear.subject.places, {}
     for level in dict.fromkeys(labels[np.argsort(places.along[rows], kind="stable")].tolist()):
         own = np.zeros(len(rows), dtype=bool)
         own[rows] = labels == level
-        found[level] = _directions(linear, own)
-    return found
-
-
-def _column(
-    linear: Linear,
-    rows: Flags,
-    name: str,
-    labels: NDArray[np.str_],
-    shares: Mapping[str, float],
-    share: float,
-) -> ColumnMisfit:
-    kinds = linear.subject.places.kind[rows]
-    kind = str(kinds[0])
-    left, size = linear.unexplained(linear.observed)[rows], np.abs(linear.prediction[rows])
-    levels = []
-    for level, own in shares.items():
-        here = labels == level
-        read = here & (kinds == kind) if np.any(here & (kinds == kind)) else here
-        excess = float(np.mean(left[read]))
-        relative = 100.0 * excess / max(float(np.mean(size[read])), 1e-300)
-        levels.append(
-            LevelMisfit(
-                level=level,
-                readings=int(np.sum(here)),
-                share_of_misfit=own,
-                excess=excess,
-                excess_pct=relative,
-            )
-        )
-    return ColumnMisfit(
-        column=name,
-        share_of_misfit=share,
-        kind=kind,
-        unit=reading_unit(linear, kind),
-        levels=tuple(levels),
-    )
-
-
-def _directions(linear: Linear, own: Flags) -> Floats:
-    """Return a scale and a trend along the path of some readings, for each kind, (n, r)."""
-    places, columns = linear.subject.places, []
-    for kind in np.unique(places.kind[own]):
-        size = np.where(own & (places.kind == kind), linear.prediction, 0.0)
         middle, length = float(np.mean(places.along[own])), float(np.ptp(places.along[own]))
-        columns += [size, size * (places.along - middle) / max(length, 1e-12)]
-    return np.column_stack(columns)
+        columns = []
+        for kind in np.unique(places.kind[own]):
+            size = np.where(own & (places.kind == kind), linear.prediction, 0.0)
+            columns += [size, size * (places.along - middle) / max(length, 1e-12)]
+        found[level] = np.column_stack(columns)
+    return found
 
 
 def _gain(linear: Linear, directions: Floats, data: Floats) -> float:

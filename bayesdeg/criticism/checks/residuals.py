@@ -523,32 +523,22 @@ def _groups(places: Places) -> Iterator[_Group]:
     for name in specimens if len(specimens) >= 1 / FEW_OF_ALL else ():
         yield _Group(SPECIMEN, str(name), family & (places.specimen == name))
     if of_actuators:
-        yield from _histories(places, family)
+        split = np.full((len(family), 3), "", dtype=np.array(places.history).dtype)
+        split[family] = [history.split() for history in places.history[family]]
+        branch, cycle, mount = split.T
+        found = [_Group(BRANCH, "unloading", branch == "unloading")]
+        later = [str(c) for c in np.unique(cycle[family]) if c != "1"]
+        found += [_Group(CYCLE, f"cycle {name}", cycle == name) for name in later]
+        if len(later) > 1:
+            found.append(_Group(CYCLE, "cycles after the first", family & (cycle != "1")))
+        keys = np.stack([places.specimen, places.kind, places.history])
+        same = np.all(keys[:, 1:] == keys[:, :-1], axis=0) & (np.diff(places.along) == 0.0)
+        found.append(_Group(HOLD, "readings after a hold", family & np.append(False, same)))
+        found += [_Group(OTHER, "mount", mount == name) for name in np.unique(mount[family])]
+        yield from (one for one in found if 0 < np.sum(one.rows) < np.sum(family))
     else:
         for mode in np.unique(places.history[family]):
             yield _Group(OTHER, "mode", family & (places.history == mode))
-
-
-def _histories(places: Places, family: Flags) -> Iterator[_Group]:
-    """Yield branches, cycles, held readings and mounts: those that are not all readings."""
-    split = np.full((len(family), 3), "", dtype=np.array(places.history).dtype)
-    split[family] = [history.split() for history in places.history[family]]
-    branch, cycle, mount = split.T
-    found = [_Group(BRANCH, "unloading", branch == "unloading")]
-    later = [str(c) for c in np.unique(cycle[family]) if c != "1"]
-    found += [_Group(CYCLE, f"cycle {name}", cycle == name) for name in later]
-    if len(later) > 1:
-        found.append(_Group(CYCLE, "cycles after the first", family & (cycle != "1")))
-    found.append(_Group(HOLD, "readings after a hold", family & _held(places)))
-    found += [_Group(OTHER, "mount", mount == name) for name in np.unique(mount[family])]
-    yield from (one for one in found if 0 < np.sum(one.rows) < np.sum(family))
-
-
-def _held(places: Places) -> Flags:
-    """Return a mask of readings at the same pressure as the previous one on their path."""
-    keys = np.stack([places.specimen, places.kind, places.history])
-    same = np.all(keys[:, 1:] == keys[:, :-1], axis=0) & (np.diff(places.along) == 0.0)
-    return np.append(False, same)
 
 
 def _gain(linear: Linear, groups: tuple[_Group, ...], data: Floats) -> Floats:

@@ -6,6 +6,7 @@ is as good where its linear Bayes factor is within odds of 20 of that of a.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from bayesdeg.criticism.fit.linear import Linear, effects, log_bayes_factor, sen
 from bayesdeg.criticism.fit.search import Names, Search, set_penalties
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.criticism.subject import typical_size
 
 Floats = NDArray[np.float64]
 
@@ -54,21 +54,15 @@ class Confusability:
         """Return pairs of causes that would often be confused."""
         return [
             (self.names[i], self.names[j])
-            for i in range(len(self.names))
-            for j in range(i + 1, len(self.names))
-            if self._is_confused(i, j)
+            for i, j in combinations(range(len(self.names)), 2)
+            if np.all(self.visible[[i, j]] > VISIBLE)
+            and max(self.confused[i, j], self.confused[j, i]) > OFTEN
         ]
 
     def rivals(self, name: str) -> list[str]:
         """Return causes that would often be as good as a given one if it acted."""
         i = self.names.index(name)
         return [n for j, n in enumerate(self.names) if j != i and self.confused[i, j] > OFTEN]
-
-    def _is_confused(self, i: int, j: int) -> bool:
-        seen = self.visible[[i, j]] > VISIBLE
-        return bool(
-            (seen[0] and seen[1]) and (self.confused[i, j] > OFTEN or self.confused[j, i] > OFTEN)
-        )
 
 
 NOT_KNOWN = Confusability((), np.zeros(0), np.zeros((0, 0)))
@@ -91,28 +85,27 @@ def confusability(
     if not causes:
         return NOT_KNOWN
     columns = [sensitivities(linear, cause) for cause in causes]
-    changes = np.stack([_typical_effect(linear, cause) for cause in causes])
+    typical = [
+        [p.law.to_unconstrained(c.typical.get(p.name, p.neutral or 0.0)) for p in c.parameters]
+        for c in causes
+    ]
+    changes = np.stack(
+        [
+            np.nan_to_num(effects(linear, cause, np.array([size], dtype=np.float64))[0])
+            for cause, size in zip(causes, typical, strict=True)
+        ]
+    )
     noise = generator.standard_normal((DRAWS, changes.shape[1]))
     confused = np.zeros((len(causes), len(causes)))
     for i, change in enumerate(changes):
         z = change + noise
-        factors = np.stack(
-            [log_bayes_factor(z, _wide(c, d)) for c, d in zip(columns, changes, strict=True)]
-        )
+        # directions of each cause: for small sizes, and for its typical one
+        wide = (np.column_stack(both) for both in zip(columns, changes, strict=True))
+        factors = np.stack([log_bayes_factor(z, directions) for directions in wide])
         confused[i] = np.mean(factors > factors[i] - CLEAR, axis=1)
     return Confusability(
         tuple(cause.name for cause in causes), np.linalg.norm(changes, axis=1), confused
     )
-
-
-def _typical_effect(linear: Linear, cause: Cause) -> Floats:
-    effect: Floats = np.nan_to_num(effects(linear, cause, typical_size(cause)[None])[0])
-    return effect
-
-
-def _wide(columns: Floats, change: Floats) -> Floats:
-    """Return directions of a cause: for small sizes, and for its typical one."""
-    return np.column_stack([columns, change])
 
 
 EFFECT_DRAWS = 2000
@@ -130,11 +123,47 @@ def candidates(
     shares = probabilities(search)
     named = {one.cause: one for one in supported}
     found = []
+    base, chosen = search.base.names, frozenset(named)
     for cause in search.causes:
+        alone = frozenset({cause.name})
         if cause.name in named:
-            found.append(_named(search, named, cause, shares[cause.name], generator))
+            one = named[cause.name]
+            names, rest, factor = chosen, chosen - alone, one.log_bayes_factor
+            gain, error, chance = one.elpd_diff, one.elpd_diff_se, one.chance
+        elif alone in search.trials:
+            names, rest, factor = alone, base, max(search.factor(alone), LEAST)
+            tested = alone in held_out and base in held_out
+            gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
+            chance = search.step(base).chance_of(search.factor(alone))
         else:
-            found.append(_other(search, cause, shares[cause.name], held_out, generator))
+            factor = search.step(base).screened[cause.name].log_bayes_factor
+            found.append(
+                Candidate(
+                    cause=cause.name,
+                    log_bayes_factor=max(factor, LEAST),
+                    probability=shares[cause.name],
+                    naming_p_value=search.step(base).chance_of(factor),
+                    mechanism=cause.mechanism,
+                    judged_by=SCREENING,
+                )
+            )
+            continue
+        errors = (search.trials[one].posterior.error for one in (names, rest))
+        found.append(
+            Candidate(
+                cause=cause.name,
+                log_bayes_factor=factor,
+                probability=shares[cause.name],
+                explained_fraction=fraction_explained(search.step(base), search.step(names)),
+                elpd_diff=gain,
+                elpd_diff_se=error,
+                effect=effect_sizes(search.trials[names], cause, generator),
+                log_bayes_factor_error=float(np.hypot(*errors)),
+                naming_p_value=chance,
+                mechanism=cause.mechanism,
+                judged_by=FULL_FIT,
+            )
+        )
     return sorted(found, key=lambda c: (-(c.probability or 0.0), -(c.log_bayes_factor or LEAST)))
 
 
@@ -174,66 +203,3 @@ def effect_size(draws: Floats, unit: str) -> EffectSize:
     low, high = np.quantile(draws, [0.05, 0.95])
     mean, sd = float(np.mean(draws)), float(np.std(draws))
     return EffectSize(mean=mean, sd=sd, q05=float(low), q95=float(high), unit=unit)
-
-
-def _named(
-    search: Search,
-    named: Mapping[str, Support],
-    cause: Cause,
-    probability: float,
-    generator: np.random.Generator,
-) -> Candidate:
-    one, chosen = named[cause.name], frozenset(named)
-    return Candidate(
-        cause=cause.name,
-        log_bayes_factor=one.log_bayes_factor,
-        probability=probability,
-        explained_fraction=fraction_explained(search.step(search.base.names), search.step(chosen)),
-        elpd_diff=one.elpd_diff,
-        elpd_diff_se=one.elpd_diff_se,
-        effect=effect_sizes(search.trials[chosen], cause, generator),
-        log_bayes_factor_error=_error(search, chosen, chosen - {cause.name}),
-        naming_p_value=one.chance,
-        mechanism=cause.mechanism,
-        judged_by=FULL_FIT,
-    )
-
-
-def _other(
-    search: Search,
-    cause: Cause,
-    probability: float,
-    held_out: Mapping[Names, HeldOut],
-    generator: np.random.Generator,
-) -> Candidate:
-    alone, base = frozenset({cause.name}), search.base.names
-    if alone not in search.trials:
-        factor = search.step(base).screened[cause.name].log_bayes_factor
-        return Candidate(
-            cause=cause.name,
-            log_bayes_factor=max(factor, LEAST),
-            probability=probability,
-            naming_p_value=search.step(base).chance_of(factor),
-            mechanism=cause.mechanism,
-            judged_by=SCREENING,
-        )
-    tested = alone in held_out and base in held_out
-    gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
-    return Candidate(
-        cause=cause.name,
-        log_bayes_factor=max(search.factor(alone), LEAST),
-        probability=probability,
-        explained_fraction=fraction_explained(search.step(base), search.step(alone)),
-        elpd_diff=gain,
-        elpd_diff_se=error,
-        effect=effect_sizes(search.trials[alone], cause, generator),
-        log_bayes_factor_error=_error(search, alone, base),
-        naming_p_value=search.step(base).chance_of(search.factor(alone)),
-        mechanism=cause.mechanism,
-        judged_by=FULL_FIT,
-    )
-
-
-def _error(search: Search, one: Names, other: Names) -> float:
-    """Return the Monte Carlo standard error of the log Bayes factor of two sets [nats]."""
-    return float(np.hypot(search.trials[one].posterior.error, search.trials[other].posterior.error))
