@@ -279,7 +279,7 @@ def test_the_cause_that_pushed_is_said_and_the_parameter_returns():
     assert push.share(worst) == pytest.approx(1.0 - after.moved_sd / worst.moved_sd, abs=0.02)
 
 
-def test_without_an_effect_nothing_in_question():
+def test_without_an_effect_nothing_is_in_question():
     search, chosen = searched(readings(seed=7, slope=1.2, bend=0.1))
     assert chosen == frozenset()
     found = absorption(search, chosen)
@@ -346,7 +346,7 @@ def test_a_volume_ratio_that_took_up_a_wrong_scale_is_found_and_comes_back():
 
 
 @pytest.mark.slow
-def test_where_nothing_is_hidden_no_parameter_in_question():
+def test_where_nothing_is_hidden_no_parameter_is_in_question():
     found = judged(17)
     assert found.in_question == ()
     judged_ones = [one for one in found.displacements if one.is_judged]
