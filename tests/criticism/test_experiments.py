@@ -9,8 +9,8 @@ from bayesdeg.actuator.inputs import Further
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.criticism.experiments.designs import (
     MOUNTS,
-    WALL,
     WARMER,
+    Measurand,
     PartMeasurements,
     candidate_experiments,
 )
@@ -278,7 +278,7 @@ def test_walls_read_what_erosion_and_thickness_leave(model):
     hypothesis = around(model, sizes, width=0.0)
     values = hypothesis.model.table.named(hypothesis.draws[:1])
     level = np.array([[0.0], [25.0]])
-    test = PartMeasurements(WALL, level, 0.0 * level, 100.0 + 0.0 * level, 2)
+    test = PartMeasurements(Measurand.WALL, level, 0.0 * level, 100.0 + 0.0 * level, 2)
     scale = TRUTH["volume_ratio"] ** (1.0 / 3.0)
     by_hand = [0.95 * scale, 0.95 * scale - 0.1 * scale]
     assert test.expected(hypothesis.model, values)[0, :, 0] == pytest.approx(by_hand)

@@ -41,6 +41,7 @@ from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit, discrepancies, largest_ratio
 from bayesdeg.criticism.checks.known_terms import LEAST_LEFT, KnownTerm, KnownTerms, known_terms
 from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.criticism.holdout.held_out import standard_error
 
 Floats = NDArray[np.float64]
 
@@ -269,7 +270,7 @@ def _given(picks: Sequence[Pick], held: Floats | None) -> int:
 def _gain_of(held: Floats, place: int) -> tuple[float, float]:
     """Return the gain of one more term in all folds, and its standard error [nats]."""
     own = held[:, place + 1] - held[:, place]
-    return float(np.sum(own)), float(np.std(own, ddof=1) * np.sqrt(len(own)))
+    return float(np.sum(own)), standard_error(own)
 
 
 def _described(

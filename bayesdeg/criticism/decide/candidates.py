@@ -148,7 +148,7 @@ def candidates(
                 )
             )
             continue
-        errors = (search.trials[one].posterior.error for one in (names, rest))
+        larger, smaller = search.trials[names].posterior, search.trials[rest].posterior
         found.append(
             Candidate(
                 cause=cause.name,
@@ -158,7 +158,7 @@ def candidates(
                 elpd_diff=gain,
                 elpd_diff_se=error,
                 effect=effect_sizes(search.trials[names], cause, generator),
-                log_bayes_factor_error=float(np.hypot(*errors)),
+                log_bayes_factor_error=float(np.hypot(larger.error, smaller.error)),
                 naming_p_value=chance,
                 mechanism=cause.mechanism,
                 judged_by=FULL_FIT,

@@ -37,6 +37,7 @@ from bayesdeg.criticism.findings import Candidate
 from bayesdeg.criticism.fit.linear import columns_of, with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
 from bayesdeg.criticism.fit.trials import WANTED, CandidateFit, with_sizes
+from bayesdeg.criticism.holdout.held_out import standard_error
 from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
@@ -359,7 +360,7 @@ def _held_out(extended: _Extended, base: CountLaw) -> tuple[float, float]:
     without = _left_out(base)
     times = np.concatenate([tests.ruptured, tests.tested - tests.ruptured])
     each = np.repeat(with_cause - without, times.astype(int))
-    return float(np.sum(each)), float(np.sqrt(len(each)) * np.std(each, ddof=1))
+    return float(np.sum(each)), standard_error(each)
 
 
 def _left_out(law: CountLaw) -> Floats:

@@ -128,39 +128,6 @@ class Support:
         return chosen - {self.cause} | {rival}
 
 
-def hold_out(
-    search: Search,
-    chosen: Names,
-    *,
-    seed: np.random.SeedSequence,
-    executor: Executor | None = None,
-    on_set: Callable[[Names], None] | None = None,
-) -> dict[Names, HeldOut]:
-    """Predict held-out groups with no cause, without each of a set, and with all of it, in turn.
-
-    Parameters
-    ----------
-    search : Search
-        In which those sets are fitted.
-    chosen : frozenset of str
-        The set.
-    seed : SeedSequence
-        The same for each, so that they are compared on the same draws.
-    executor : Executor, optional
-        Runs calibrations side by side.
-    on_set : callable, optional
-        Called after each set.
-
-    Returns
-    -------
-    dict
-        Empty where there is a single group of readings, without which nothing would be left, or
-        no group.
-    """
-    [found] = hold_out_each(search, chosen, [as_it_is], seed=seed, executor=executor, on_set=on_set)
-    return found
-
-
 def hold_out_each(
     search: Search,
     chosen: Names,
@@ -170,19 +137,30 @@ def hold_out_each(
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
 ) -> list[dict[Names, HeldOut]]:
-    """Run `hold_out` for several kinds of groups, with all calibrations in parallel.
+    """Predict held-out groups with no cause, without each of a set, and with all of it, in turn.
+
+    All calibrations run in parallel.
 
     Parameters
     ----------
-    search, chosen, seed, executor, on_set
-        As of `hold_out`.
+    search : Search
+        In which those sets are fitted.
+    chosen : frozenset of str
+        The set.
     ways : sequence of callable
         Each makes of a model one that holds out other groups.
+    seed : SeedSequence
+        The same for each, so that they are compared on the same draws.
+    executor : Executor, optional
+        Runs calibrations side by side.
+    on_set : callable, optional
+        Called after each set.
 
     Returns
     -------
     list of dict
-        One for each way.
+        One for each way; empty where there is a single group of readings, without which nothing
+        would be left, or no group.
     """
     smaller = (chosen - {name} for name in sorted(chosen))
     sets = list(dict.fromkeys([search.base.names, *smaller, chosen]))

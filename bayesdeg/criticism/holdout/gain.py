@@ -119,7 +119,10 @@ def _scores(
     rows = rows & (subject.places.kind == kind)
     observed, draws, mean = subject.observed[rows], held_out.draws[:, rows], held_out.mean[rows]
     ending = UNITS.get(str(kind), "")
-    found = {} if ending == "_per_m" else {"rmse_per_m": np.nan, "crps_per_m": np.nan}
+    # of the first kind of reading that is held out; the columns of curvature are always there
+    scores: dict[str, object] = {"rmse_per_m": np.nan, "crps_per_m": np.nan}
+    if ending == "_per_m":
+        scores = {}
     return {
         "model": name,
         "degradation_pct": label,
@@ -127,16 +130,12 @@ def _scores(
         "elpd_se": standard_error(held_out.log_density[chosen]),
         "elpd_diff": float(np.sum(gap)),
         "elpd_diff_se": standard_error(gap),
-        **(
-            found
-            | {
-                f"rmse{ending}": float(np.sqrt(np.mean((observed - mean) ** 2))),
-                f"crps{ending}": float(np.mean(crps(np.nan_to_num(draws), observed))),
-                "r_squared": r_squared(observed, mean),
-                "coverage_50": _coverage(draws, observed, 0.5),
-                "coverage_90": _coverage(draws, observed, 0.9),
-            }
-        ),
+        **scores,
+        f"rmse{ending}": float(np.sqrt(np.mean((observed - mean) ** 2))),
+        f"crps{ending}": float(np.mean(crps(np.nan_to_num(draws), observed))),
+        "r_squared": r_squared(observed, mean),
+        "coverage_50": _coverage(draws, observed, 0.5),
+        "coverage_90": _coverage(draws, observed, 0.9),
     }
 
 
@@ -233,15 +232,10 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     if len(known) < FEWEST or not len(observed):
         return _unavailable(len(known), draws)
     ordered = np.sort(known, axis=0)
-    readings = observed[None]
-    below = np.stack(
-        [
-            np.searchsorted(column, values)
-            for column, values in zip(ordered.T, readings.T, strict=True)
-        ],
-        axis=1,
-    )
-    pit = np.asarray((below + 0.5) / (len(ordered) + 1.0))[0]
+    columns = zip(ordered.T, observed, strict=True)
+    below = np.array([np.searchsorted(column, value) for column, value in columns])
+    pit = np.asarray((below + 0.5) / (len(ordered) + 1.0))
+    # the transform of every draw among the others
     ranks = np.argsort(np.argsort(known, axis=0, kind="stable"), axis=0, kind="stable")
     simulated = np.asarray((ranks + 0.5) / len(known))
     difference, null = _differences(pit[None])[0], _differences(simulated)

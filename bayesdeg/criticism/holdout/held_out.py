@@ -89,8 +89,8 @@ def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
     parts = [gap[held_out.kinds == kind] for kind in np.unique(held_out.kinds)]
     if len(parts) == 1:
         return float(np.sum(gap)), standard_error(gap)
-    # For ln N(y | a, 1) - ln N(y | b, 1), with mean (a - b)²/2 if a is right and standard
-    # deviation |a - b|.
+    # a single one: ln N(y | a, 1) - ln N(y | b, 1) has mean (a - b)²/2 if a is right, and standard
+    # deviation |a - b|
     errors = [
         standard_error(part) if len(part) > 1 else float(np.sqrt(2.0 * abs(part[0])))
         for part in parts

@@ -101,15 +101,18 @@ def predict_left_out(
         Everything random comes from it.
     """
     training = without(model, [specimen])
-    testing = without(model, [name for name in tuple(blocks_of(model)) if name != specimen])
+    testing = without(model, [name for name in blocks_of(model) if name != specimen])
     best = draws[int(np.argmax(log_weights))]
     posterior = None
     if reached:
         known = weighted(draws, log_weights)
         posterior = refitted(training, known, np.random.default_rng(seed))
     generator = np.random.default_rng(seed)
-    serves = posterior is not None and posterior.effective >= FEWEST * ENOUGH_EFFECTIVE
-    if posterior is None or not (serves and posterior.pareto_k <= LARGEST_K):
+    if (
+        posterior is None
+        or not posterior.effective >= FEWEST * ENOUGH_EFFECTIVE
+        or not posterior.pareto_k <= LARGEST_K
+    ):
         posterior = recalibrated(
             training, generator, seed, start=best, enough=ENOUGH_EFFECTIVE, effort=EFFORTS["quick"]
         )

@@ -373,10 +373,8 @@ def _calibrate(
 def _from_all_starts(form: LawForm, films: LevelFilms) -> Calibrated:
     """Calibrate a law to all films, from each of its starts; return the most probable."""
     laws = (films.priors[name] for name in NOISE)
-    weights, z = (
-        np.ones(len(films.member)),
-        np.array([float(law.to_unconstrained(law.quantile(0.5))) for law in laws]),
-    )
+    weights = np.ones(len(films.member))
+    z = np.array([float(law.to_unconstrained(law.quantile(0.5))) for law in laws])
     found = [
         _calibrate(
             form,
