@@ -8,7 +8,7 @@ type are refused, with the place, what was found, and what is expected.
 import itertools
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, Final, Self
 
 import numpy as np
@@ -50,6 +50,14 @@ def _number(value: object, info: ValidationInfo) -> float | None:
     if not -LARGEST <= value <= LARGEST:
         raise ValueError(f"must be a finite number, not {str(value)[:12]}")
     return value
+
+
+def _real(value: object, info: ValidationInfo) -> float:
+    """Check a number that a computation works with; null is nan."""
+    if isinstance(value, float) and info.context != _FROM_FILE:
+        return math.nan if math.isnan(value) else float(value)
+    found = _number(value, info)
+    return math.nan if found is None else found
 
 
 def _text(value: object) -> str:
@@ -131,6 +139,8 @@ def is_absent(value: object) -> bool:
 
 #: A finite number or null; whole numbers stay whole.
 Number = Annotated[float | None, PlainValidator(_number, json_schema_input_type=float | None)]
+#: The same with nan in place of null, as computations need it.
+Real = Annotated[float, PlainValidator(_real, json_schema_input_type=float | None)]
 PositiveNumber = Annotated[Number, AfterValidator(_above_zero)]
 #: A count or null.
 Count = Annotated[Number, AfterValidator(_from_zero)]
@@ -154,8 +164,52 @@ Numbers = Annotated[Mapping[str, Number], BeforeValidator(_without_nulls)]
 Texts = Mapping[str, Text]
 
 
+def entry(
+    meaning: str,
+    default: object = None,
+    *,
+    key: str = "",
+    omitted: Callable[[Any], bool] | None = None,
+) -> Any:
+    """Return a field of a record.
+
+    Parameters
+    ----------
+    meaning : str
+        For the schema, the reference page and columns of tables; ends with the unit in brackets.
+    default : object
+        Where a file does not give it.
+    key : str
+        Its name in JSON, if that is not the name of the field.
+    omitted : callable, optional
+        Whether a value is omitted from the file.
+    """
+    name = key or None
+    return Field(
+        default=default,
+        description=meaning,
+        exclude_if=omitted,
+        validation_alias=name,
+        serialization_alias=name,
+    )
+
+
+def inner(meaning: str, default: object = math.nan, *, column: str = "") -> Any:
+    """Return a field that is in no JSON file; its type is a `SkipJsonSchema`.
+
+    Parameters
+    ----------
+    meaning, default
+        As of `entry`.
+    column : str
+        Its name in tables, if that is not the name of the field.
+    """
+    extra = {"column": column} if column else None
+    return Field(default=default, description=meaning, exclude=True, json_schema_extra=extra)
+
+
 class Record(BaseModel):
-    """An object of a JSON file.
+    """An object of a JSON file, made by the names of its fields and read by its keys.
 
     Examples
     --------
@@ -172,7 +226,9 @@ class Record(BaseModel):
     bayesdeg.records.RecordError: 'x_mm' must be a number or null, not 'far'
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=False
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -189,7 +245,9 @@ class Record(BaseModel):
             If something is missing or has the wrong type.
         """
         try:
-            return cls.model_validate(content, extra="ignore", context=_FROM_FILE)
+            return cls.model_validate(
+                content, extra="ignore", context=_FROM_FILE, by_alias=True, by_name=False
+            )
         except ValidationError as fault:
             raise RecordError(_worded(fault.errors(include_url=False)[0])) from None
 
@@ -200,7 +258,7 @@ class Record(BaseModel):
 
     def document(self) -> dict[str, object]:
         """Return the content for JSON: values that are not finite become null."""
-        return plain(self.model_dump())
+        return plain(self.model_dump(by_alias=True))
 
 
 class FileRecord(Record):
@@ -233,6 +291,8 @@ def _published(node: object) -> object:
     }
     if isinstance(cut.get("title"), str):
         del cut["title"]
+    if isinstance(default := cut.get("default"), float) and math.isnan(default):
+        cut["default"] = None
     if isinstance(text := cut.get("description"), str):
         cut["description"] = text.split("\n\n")[0]
     return cut

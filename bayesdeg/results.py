@@ -14,6 +14,7 @@ import xarray as xr
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.findings import Candidate
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline import writing
@@ -30,7 +31,7 @@ from bayesdeg.quantities import Effort
 from bayesdeg.report.folder import POSTERIOR, RunFolder
 from bayesdeg.report.headline import size_of
 from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import CandidateEntry, TakenInEntry, VerdictRecord
+from bayesdeg.report.record import TakenInEntry, VerdictRecord
 from bayesdeg.report.wording import SPACE, sentences, worded
 
 SHOWN = 5  # candidates in a printed verdict
@@ -41,7 +42,7 @@ _CANDIDATE = [
 ]
 
 
-def _row(entry: CandidateEntry) -> dict[str, object]:
+def _row(entry: Candidate) -> dict[str, object]:
     """Return a candidate of ``verdict.json`` as a row, with the size of its first parameter."""
     known = entry.document()
     effects = ({"parameter": n, **one.document()} for n, one in entry.effect.items())

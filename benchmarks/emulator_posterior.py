@@ -36,7 +36,7 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap, Inputs
 from bayesdeg.actuator.status import CONVERGED, Resolution
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.subject import with_neutral
+from bayesdeg.criticism.fit.linear import with_neutral
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.emulator.refinement import refine
 from bayesdeg.emulator.scaling import LOAD, groups_of

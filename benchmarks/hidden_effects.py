@@ -19,7 +19,6 @@ import json
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -149,7 +148,7 @@ def _physics(study: HiddenStudy) -> Json:
 def _found(judgement: Judgement) -> Json:
     decision = judgement.decision
     effects_found = {
-        c.cause: {name: asdict(size) for name, size in c.effect.items()}
+        c.cause: {name: size.document() for name, size in c.effect.items()}
         for c in judgement.candidates
         if c.cause in decision.causes
     }

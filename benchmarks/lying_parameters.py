@@ -33,9 +33,9 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.criticism.checks.absorption import Absorption, Split, absorption, split
+from bayesdeg.criticism.fit.linear import columns_of, with_neutral
 from bayesdeg.criticism.fit.search import Search, SearchEffort, run_search
 from bayesdeg.criticism.fit.trials import CandidateFit
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
@@ -145,7 +145,7 @@ def judged(study: HiddenStudy, folder: Path, *, seed: int, causes: bool) -> Json
         fitting, judging = np.random.SeedSequence(study.number).spawn(2)
         base = base_without_chain(assembly.model, fitting)
         here, found, chosen = split(base), None, frozenset[str]()
-        if causes and any(one.is_in_question for one in here.displacements):
+        if causes and any(one.in_question for one in here.displacements):
             search = Search(base, assembly.candidates, EFFORT, judging)
             chosen = run_search(search)
             found = absorption(search, chosen)
@@ -167,12 +167,12 @@ def _rows(
     names, rows = here.model.table.names, []
     middle = np.mean(here.draws, axis=0)
     for one in here.displacements:
-        name = one.parameter.name
+        name = one.parameter
         if name not in true:
             continue
         k = names.index(name)
         sd = float(here.known.sd[k])
-        pushes = found.pushed_by(one) if found is not None and one.is_in_question else ()
+        pushes = found.pushed_by(one) if found is not None and one.in_question else ()
         after = None if found is None else found.returned(one)
         rows.append(
             {
@@ -180,12 +180,12 @@ def _rows(
                 "off": (float(middle[k]) - true[name]) / sd,
                 "pushed": (float(middle[k]) - float(knowing[k])) / sd,
                 "all_else_off": (float(here.known.mean[k]) - true[name]) / sd,
-                "moved": one.moved,
-                "score": one.score,
-                "adjusted": one.adjusted,
-                "in_question": one.is_in_question,
+                "moved": one.moved_sd,
+                "score": one.score_sd,
+                "adjusted": one.p_adjusted,
+                "in_question": one.in_question,
                 "pushed_by": [list(push.causes) for push in pushes],
-                "after_moved": None if after is None else after.moved,
+                "after_moved": None if after is None else after.moved_sd,
             }
         )
     return rows

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.subject import with_neutral
+from bayesdeg.criticism.fit.linear import with_neutral
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import FOR_WALKERS, Proposal, Warp

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 import textwrap
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -238,7 +237,7 @@ means "not available"; a file may hold further columns.
 
 
 def _verdict() -> str:
-    meanings = tomllib.loads((HERE / "verdict_keys.toml").read_text(encoding="utf-8"))
+    meanings = facts.keys_of_verdicts()
     _refuse_unknown(meanings)
     rows = [(code(key), meaning) for key, meaning in meanings.items()]
     return (
@@ -254,7 +253,7 @@ def _refuse_unknown(meanings: dict[str, str]) -> None:
         there = set(_keys(json.loads(file.read_text(encoding="utf-8"))))
         unknown = sorted(key for key in there if key not in meanings and not _parent(key, meanings))
         if unknown:
-            raise ValueError(f"{file}: give {unknown} a meaning in docs/verdict_keys.toml")
+            raise ValueError(f"{file}: no record of a verdict has {unknown}")
 
 
 def _parent(key: str, meanings: dict[str, str]) -> bool:
@@ -262,16 +261,21 @@ def _parent(key: str, meanings: dict[str, str]) -> bool:
     return any(other.startswith(f"{key}.") for other in meanings)
 
 
+#: Objects whose keys are names of something.
+BY_NAME = (".effect", ".criteria")
+
+
 def _keys(value, path: str = ""):
     if isinstance(value, list):
         for entry in value:
             yield from _keys(entry, f"{path}[]")
+    elif isinstance(value, dict) and path.endswith(BY_NAME):
+        for entry in value.values():
+            yield from _keys(entry, f"{path}.*")
     elif isinstance(value, dict):
         for name, entry in value.items():
-            known = "*" if path.endswith(".effect") else name
-            key = f"{path}.{known}" if path else known
-            if known != "*":
-                yield key
+            key = f"{path}.{name}" if path else name
+            yield key
             yield from _keys(entry, key)
 
 

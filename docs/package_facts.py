@@ -11,9 +11,11 @@ import pkgutil
 import re
 import sys
 import textwrap
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
 from pathlib import Path
+from typing import get_args, get_origin
 
 import numpy as np
 import pandas as pd
@@ -44,6 +46,8 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.priors import LAWS
 from bayesdeg.quantities import QUANTITIES
+from bayesdeg.records import Record
+from bayesdeg.report.record import VerdictRecord
 from bayesdeg.report.tables import TABLES as RUN_TABLES
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package
@@ -256,6 +260,26 @@ def columns_of_runs() -> dict[str, list[Entry]]:
         f"{name}.csv": [Entry(c.name, c.unit, c.meaning) for c in table.columns]
         for name, table in RUN_TABLES.items()
     }
+
+
+def keys_of_verdicts() -> dict[str, str]:
+    """Return every key of ``verdict.json`` with its meaning, from the records that write it."""
+    return dict(_keys_of(VerdictRecord))
+
+
+def _keys_of(record, place: str = ""):
+    """Yield the keys of a record; `[]` is each entry of a list, `*` any name."""
+    for name, field in record.model_fields.items():
+        if field.exclude:
+            continue
+        key = f"{place}{field.serialization_alias or name}"
+        if field.description:
+            yield key, field.description
+        parts = get_args(field.annotation) or (field.annotation,)
+        for inner in parts:
+            if inspect.isclass(inner) and issubclass(inner, Record):
+                many = {tuple: "[]", Mapping: ".*"}.get(get_origin(field.annotation), "")
+                yield from _keys_of(inner, f"{key}{many}.")
 
 
 def tables_of_hidden_effects(record: Path) -> str:

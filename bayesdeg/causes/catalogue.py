@@ -27,6 +27,17 @@ def in_order(causes: Iterable[Cause]) -> tuple[Cause, ...]:
 CATALOGUE: dict[str, Cause] = _discover()
 
 
+def mechanism_of(name: str) -> str:
+    """Return what happens by a cause; empty if it is not in the catalogue.
+
+    Examples
+    --------
+    >>> mechanism_of("of my own")
+    ''
+    """
+    return CATALOGUE[name].mechanism if name in CATALOGUE else ""
+
+
 def find(name: str) -> Cause:
     """Return a cause by its name.
 

@@ -32,7 +32,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs, gravity_direction
-from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
+from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.priors import Parameter, TruncatedNormal
 
 STANDARD_GRAVITY = 9.80665  # m/s²
@@ -40,7 +40,12 @@ STANDARD_GRAVITY = 9.80665  # m/s²
 
 def weigh(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Return inputs with the weight ρ g as each reading's mount directs it [kN/m³]."""
-    along, up = _directions(conditions)
+    mount = conditions.mount
+    if np.all(mount == mount[:, :1]):
+        mount = mount[:, :1]
+    names, place = np.unique(mount, return_inverse=True)
+    parts = np.array([gravity_direction(str(name)) for name in names])[place.reshape(mount.shape)]
+    along, up = parts[..., 0], parts[..., 1]
     weight = effect["density"] * (STANDARD_GRAVITY * 1e-3)
     return replace(
         inputs,
@@ -54,16 +59,6 @@ def always_horizontal(conditions: Conditions) -> str | None:
     if np.any(conditions.mount != "horizontal"):
         return None
     return "every actuator was mounted horizontally, so its weight acts across the bending plane"
-
-
-def _directions(conditions: Conditions) -> tuple[Floats, Floats]:
-    """Return the components of a unit weight, one a specimen if its mount never changed."""
-    mount = conditions.mount
-    if np.all(mount == mount[:, :1]):
-        mount = mount[:, :1]
-    names, place = np.unique(mount, return_inverse=True)
-    parts = np.array([gravity_direction(str(name)) for name in names])[place.reshape(mount.shape)]
-    return parts[..., 0], parts[..., 1]
 
 
 CAUSE = Cause(

@@ -11,12 +11,13 @@ from rich.text import Text
 
 from bayesdeg.console import output, say
 from bayesdeg.criticism.experiments.ranking import LEAST
+from bayesdeg.criticism.findings import ExperimentEntry
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.records import FileRecord, Names
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import OptionalStage
-from bayesdeg.report.record import ExperimentEntry, RunRecord, VerdictRecord
+from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.wording import NOTHING, count, fixed, listed, sentences
 
 HEADINGS = (

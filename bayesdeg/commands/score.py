@@ -12,6 +12,7 @@ from rich.text import Text
 from bayesdeg.commands.answers import write_csv
 from bayesdeg.commands.options import MATRIX, PICTURE, SCORE
 from bayesdeg.console import output, say
+from bayesdeg.criticism.findings import Candidate
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.files import RUN_MB, STUDY_MB, parse_json, read_bytes, reason, write_text
@@ -28,7 +29,7 @@ from bayesdeg.laboratory.score import Score, ScoredShare, score
 from bayesdeg.pipeline.output import claimed, refuse_study
 from bayesdeg.records import Names, Record
 from bayesdeg.report.figures.isolability import isolability_svg
-from bayesdeg.report.record import CandidateEntry, MisfitEntry
+from bayesdeg.report.record import MisfitEntry
 from bayesdeg.report.wording import NOTHING, fixed, words
 
 VERDICT = "verdict.json"
@@ -46,7 +47,7 @@ class StatedVerdict(Record):
     alternatives: tuple[Names, ...] = Field(
         default=(), description="sets of causes, if not combinations from lists"
     )
-    candidates: tuple[CandidateEntry, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
     misfit: MisfitEntry = MisfitEntry()
 
     def stated_sets(self) -> Sets:

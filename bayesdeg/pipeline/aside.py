@@ -57,17 +57,19 @@ class Exclusion:
 
 def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Exclusion, ...]:
     """Return the data to exclude because of the suspects of a model."""
-    return tuple(_aside(model.places, suspect) for suspect in found)
-
-
-def _aside(places: Places, suspect: Suspect) -> Exclusion:
-    one = suspect.hypothesis
-    table = TABLES.get(str(places.family[np.argmax(one.rows)]), "")
-    if one.oddity in BY_READING:
-        return Exclusion(suspect, table, one.specimens, readings_at(places, one.rows))
-    family = places.family == places.family[np.argmax(one.rows)]
-    total = len(np.unique(places.specimen[family]))
-    return Exclusion(suspect, table, one.specimens, (), is_out=2 * len(one.specimens) <= total)
+    places, excluded = model.places, []
+    for suspect in found:
+        one = suspect.hypothesis
+        family = places.family[np.argmax(one.rows)]
+        table = TABLES.get(str(family), "")
+        if one.oddity in BY_READING:
+            readings = readings_at(places, one.rows)
+            excluded.append(Exclusion(suspect, table, one.specimens, readings))
+        else:
+            total = len(np.unique(places.specimen[places.family == family]))
+            is_out = 2 * len(one.specimens) <= total
+            excluded.append(Exclusion(suspect, table, one.specimens, (), is_out=is_out))
+    return tuple(excluded)
 
 
 def readings_at(
@@ -97,7 +99,12 @@ def set_aside(study: Study, aside: Iterable[Exclusion]) -> Study:
         table = changed.get(one.table, study.table(one.table)) if one.table else None
         if table is None or not one.is_out:
             continue
-        changed[one.table] = _without(table, one)
+        wrong = is_set_aside(table, [one])
+        if one.table == "tensile" or not one.readings or one.is_without_rows:
+            changed[one.table] = table[~wrong].reset_index(drop=True)
+        else:
+            changed[one.table] = table.copy()
+            changed[one.table].loc[wrong, list(READ)] = np.nan
     return replace(study, **changed)
 
 
@@ -134,15 +141,6 @@ def unused_rows(study: Study, whole: Study, aside: Iterable[Exclusion]) -> tuple
         found += unused_of(of_lines.get(one.table, f"{one.table}.csv"), why, table[rows])
         left[one.table] = table[~rows]
     return tuple(found)
-
-
-def _without(table: pd.DataFrame, one: Exclusion) -> pd.DataFrame:
-    wrong = is_set_aside(table, [one])
-    if one.table == "tensile" or not one.readings or one.is_without_rows:
-        return table[~wrong].reset_index(drop=True)
-    found = table.copy()
-    found.loc[wrong, list(READ)] = np.nan
-    return found
 
 
 def _keys(table: pd.DataFrame, name: str) -> list[tuple[str, float, str, float]]:

@@ -169,7 +169,13 @@ def _examined(
     if study.tensile is not None:
         progress.stage(OptionalStage.LAWS)
     compared = guard.attempt(OptionalStage.LAWS, laws)
-    return Films(fit, orders, _stated(study), compared, study.degrades)
+    pairs = [
+        table.groupby("specimen_id", sort=False)[["degradation_pct", "degradation_sd_pct"]].first()
+        for table in (study.tensile, study.actuator)
+        if table is not None
+    ]
+    found = np.concatenate([np.empty((0, 2)), *(p.to_numpy(np.float64) for p in pairs)])
+    return Films(fit, orders, found[found[:, 0] > 0.0], compared, study.degrades)
 
 
 def _orders(model: JointModel, seed: np.random.SeedSequence) -> OrderComparison | None:
@@ -311,7 +317,8 @@ def common_error(fit: CourseFit, stated: Floats) -> CommonError:
         Degradation rates of degraded specimens and their standard errors [%].
     """
     time = fit.model.time_h
-    fresh, films = int(np.sum(time == 0.0)), _films_at_a_time(time)
+    _, counts = np.unique(time[time > 0.0], return_counts=True)
+    fresh, films = int(np.sum(time == 0.0)), int(np.median(counts))
     level = float(np.max(stated[:, 0])) if len(stated) else TARGET
     given = float(np.median(stated[:, 1])) if len(stated) else None
     if fresh == 0:
@@ -332,10 +339,8 @@ def common_error(fit: CourseFit, stated: Floats) -> CommonError:
 def _course(study: Study, *, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:
     """Calibrate the course of degradation; None without readings of moisture at two times."""
     course = course_model(study)
-    return None if course is None else _calibrate(course, effort=effort, seed=seed)
-
-
-def _calibrate(course: CourseModel, *, effort: Effort, seed: np.random.SeedSequence) -> CourseFit:
+    if course is None:
+        return None
     first, chains = seed.spawn(2)
     generator = np.random.default_rng(first)
     # one thread: the same bits whatever the machine's number of them
@@ -343,19 +348,3 @@ def _calibrate(course: CourseModel, *, effort: Effort, seed: np.random.SeedSeque
         start = evidence(course, approximate(course, generator), generator)
     chain = sample(course, start, effort=effort, seed=chains)
     return CourseFit(course, chain, diagnose(course, chain, effort))
-
-
-def _stated(study: Study) -> Floats:
-    """Return degradation rates of degraded specimens and their standard errors, (n, 2) [%]."""
-    pairs = [
-        table.groupby("specimen_id", sort=False)[["degradation_pct", "degradation_sd_pct"]].first()
-        for table in (study.tensile, study.actuator)
-        if table is not None
-    ]
-    found = np.concatenate([np.empty((0, 2)), *(p.to_numpy(np.float64) for p in pairs)])
-    return found[found[:, 0] > 0.0]
-
-
-def _films_at_a_time(time: Floats) -> int:
-    _, counts = np.unique(time[time > 0.0], return_counts=True)
-    return int(np.median(counts))

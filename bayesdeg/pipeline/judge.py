@@ -1,19 +1,18 @@
 """The judgement of a base model, and the final model that follows from it."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.causes.catalogue import CATALOGUE, mechanism_of
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.absorption import Absorption, absorption
-from bayesdeg.criticism.checks.conflict import Conflict, Questioned, conflict, questioned
+from bayesdeg.criticism.checks.conflict import conflict, questioned
 from bayesdeg.criticism.checks.count_misfit import (
     OWN,
     PUBLISHED,
@@ -23,14 +22,13 @@ from bayesdeg.criticism.checks.count_misfit import (
     own_counts,
 )
 from bayesdeg.criticism.checks.discrepancy import Misfit
-from bayesdeg.criticism.checks.misfit_columns import ColumnMisfit, misfit_columns
+from bayesdeg.criticism.checks.misfit_columns import misfit_columns
 from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
-from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit, rupture_misfit
+from bayesdeg.criticism.checks.rupture_misfit import rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.alternatives import StatedSets, stated_sets
 from bayesdeg.criticism.decide.candidates import (
     NOT_KNOWN,
-    Candidate,
     Confusability,
     candidates,
     confusability,
@@ -59,6 +57,14 @@ from bayesdeg.criticism.experiments.ranking import (
     Experiment,
     next_experiments_document,
     rank,
+)
+from bayesdeg.criticism.findings import (
+    Candidate,
+    ColumnMisfit,
+    Conflict,
+    ExperimentEntry,
+    Questioned,
+    RuptureMisfit,
 )
 from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
@@ -116,7 +122,7 @@ class Judgement:
         Specimens, and whole levels, that took no part; by name of the model, ``base`` first.
     search : Search
         The fitted sets of causes.
-    experiments : list
+    experiments : tuple of ExperimentEntry
         What to measure next, as in ``verdict.json``.
     alike : tuple of str
         Causes that could not be judged since another form of the law reads like them.
@@ -145,7 +151,7 @@ class Judgement:
     held_out: dict[str, HeldOut]
     levels_out: dict[str, HeldOut]
     search: Search
-    experiments: list[dict[str, object]]
+    experiments: tuple[ExperimentEntry, ...]
     alike: tuple[str, ...] = ()
     shared: tuple[SharedScatter, ...] = ()
     questioned: tuple[Questioned, ...] = ()
@@ -230,14 +236,14 @@ class Description:
         The terms in known quantities that would remove it.
     columns : tuple of ColumnMisfit
         In which columns it sits.
-    experiments : tuple of dict
+    experiments : tuple of ExperimentEntry
         What would tell the best terms apart, as in ``verdict.json``.
     """
 
     step: Step
     found: MissingTerms
     columns: tuple[ColumnMisfit, ...]
-    experiments: tuple[dict[str, object], ...] = ()
+    experiments: tuple[ExperimentEntry, ...] = ()
 
     @property
     def chief(self) -> ColumnMisfit | None:
@@ -246,8 +252,8 @@ class Description:
         A column with many levels, such as specimens, absorbs what one with few levels explains as
         well.
         """
-        largest = max((one.share for one in self.columns), default=0.0)
-        near = [one for one in self.columns if one.share >= MOSTLY * largest]
+        largest = max((one.share_of_misfit for one in self.columns), default=0.0)
+        near = [one for one in self.columns if one.share_of_misfit >= MOSTLY * largest]
         return min(near, key=lambda one: len(one.levels), default=None)
 
 
@@ -336,7 +342,8 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
         for cause in final.model.causes
     }
     found = tuple(
-        replace(c, effect=sizes[c.cause]) if c.cause in sizes else c for c in judgement.candidates
+        c.model_copy(update={"effect": sizes[c.cause]}) if c.cause in sizes else c
+        for c in judgement.candidates
     )
     return replace(judgement, candidates=found)
 
@@ -404,39 +411,9 @@ REFUTING = (
     OptionalStage.SHARED_SCATTER,
     OptionalStage.STRUCTURE,
 )  # tests required for naming a cause
-Beside = tuple[RuptureMisfit | None, Conflict | None, tuple[Questioned, ...]]
 Favoured = tuple[list[Support], StatedSets | None]
 MOSTLY = 0.9  # fraction of the largest share that counts as similar
 IN_QUESTION = 3  # rivals for ranking experiments
-
-
-@dataclass(frozen=True)
-class Catalogue:
-    """The candidate causes of a judgement.
-
-    Parameters
-    ----------
-    candidates : tuple of Cause
-        Causes that can be judged.
-    unjudged : mapping of str to str
-        Causes that cannot, and why.
-    alike : tuple of Cause
-        Those of the unjudged that the data cannot tell from another form of the law, nor from each
-        other.
-    counts : RuptureCounts, optional
-        How many of the actuators of others burst.
-    of_counts : tuple of Cause
-        Causes that such counts may show.
-    batches : mapping of str to str
-        The batch of each specimen of which one is recorded.
-    """
-
-    candidates: tuple[Cause, ...]
-    unjudged: Mapping[str, str] = field(default_factory=dict)
-    alike: tuple[Cause, ...] = ()
-    counts: RuptureCounts | None = None
-    of_counts: tuple[Cause, ...] = ()
-    batches: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge_model(
@@ -455,7 +432,7 @@ def judge_model(
     model : JointModel
         With its readings.
     causes : tuple of Cause
-        The catalogue.
+        The assembly.
     seed : int
         Of every random number.
     effort : SearchEffort
@@ -463,15 +440,14 @@ def judge_model(
     progress, guard : optional
         As of `judge`.
     """
-    base, again = (
-        base_without_chain(model, np.random.SeedSequence(seed)),
-        np.random.SeedSequence(seed),
-    )
-    return judge(Catalogue(causes), base, effort=effort, seed=again, progress=progress, guard=guard)
+    base = base_without_chain(model, np.random.SeedSequence(seed))
+    again = np.random.SeedSequence(seed)
+    assembly = Assembly(model, causes, {}, ())
+    return judge(assembly, base, effort=effort, seed=again, progress=progress, guard=guard)
 
 
 def judge(
-    catalogue: Catalogue | Assembly,
+    assembly: Assembly,
     base: CandidateFit,
     *,
     effort: SearchEffort,
@@ -484,7 +460,7 @@ def judge(
 
     Parameters
     ----------
-    catalogue : Catalogue
+    assembly : Assembly
         Candidates, and why others are none.
     base : CandidateFit
         The base model, calibrated.
@@ -502,37 +478,108 @@ def judge(
     guard, progress = guard or Guard(strict=True), progress or Silent()
     searching, folding, drawing = seed.spawn(3)
     generator = np.random.default_rng(drawing)
-    search = Search(base, catalogue.candidates, _on(base, effort), searching, executor=executor)
-    rupture, confused = _begun(search, generator)
-    chosen, alone, final = _searched(search, progress)
-    counting = _begun_counts(final.trial, catalogue, seed, executor)
-    beside = _beside(base, rupture, generator, guard)
+    forward = any(one.uses_forward for one in base.subject.criticised)
+    effort = replace(effort, most=MOST if forward else MOST_OF_FILMS)
+    search = Search(base, assembly.candidates, effort, searching, executor=executor)
+    search.on_fit = partial(progress.advance, 1)
+
+    # other processes test the base model during the search, and count ruptures after it
+    for_rupture, for_confusion, for_draws = generator.spawn(3)
+    draws = base.draws(for_draws, FEW_DRAWS)
+    rupturing = later(partial(rupture_misfit, base.subject, draws, for_rupture), executor)
+    confusing = later(partial(confusability, base.linear, search.causes, for_confusion), executor)
+    progress.stage("misfit, calibrated by simulation")
+    alone = search.step(BASE)
+    progress.stage("causes, one by one and together")
+    chosen = run_search(search)
+    final = search.left(chosen) if chosen else alone
+    about = (final.trial, assembly.counts, assembly.of_counts)
+    for_counts = np.random.default_rng(seed.spawn(1)[0])
+    counting = None
+    if can_be_counted(final.trial.subject):
+        counting = later(partial(_judged_counts, *about, for_counts), executor)
+
+    draws = base.draws(generator, FEW_DRAWS)
+    rupture = guard.attempt(OptionalStage.RUPTURE_MISFIT, rupturing)
+    if rupture is not None and np.isnan(rupture.p_value):
+        guard.note(
+            OptionalStage.RUPTURE_MISFIT, sentences("findings", "ruptures_not_judged", one=rupture)
+        )
+        rupture = None
+    contradicted = guard.attempt(OptionalStage.CONFLICT, conflict, base.subject, draws)
+    off_prior = guard.attempt(OptionalStage.CONFLICT, questioned, base.subject, draws) or ()
     held_out, everything, favoured = _favoured(search, chosen, folding, progress, guard)
-    left = _left((alone, final), catalogue, guard)
-    absorbed, counted, own = _beside_counts(search, chosen, counting, guard)
-    decision = _decided((alone, final), favoured, (*beside, counted), catalogue, left, guard)
+    supported, stated = favoured
+    shared = (
+        guard.attempt(OptionalStage.SHARED_SCATTER, shared_scatter, final.trial, final.simulated)
+        or []
+    )
+    structure = None
+    if final is not alone:
+        structure = guard.attempt(OptionalStage.STRUCTURE, _terms_of, final, assembly)
+    absorbed = guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen)
+    both = None
+    if counting is not None:
+        both = guard.attempt(OptionalStage.RUPTURE_COUNTS, counting)
+    counted, own = both or (None, None)
+
+    if not alone.misfit.is_calibrated:
+        few = uncalibrated(alone.misfit)
+        guard.note(OptionalStage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
+    tried = (*assembly.candidates, *assembly.of_counts)
+    alike = tuple(cause.name for cause in assembly.alike)
+    decision = decide(
+        alone,
+        final,
+        [*supported, *(() if counted is None else counted.supported)],
+        rupture=rupture,
+        counts=None if counted is None else counted.misfit,
+        contradicted=contradicted,
+        questioned=off_prior,
+        on_rupture=frozenset(cause.name for cause in tried if cause.is_of_rupture_alone),
+        alike=alike,
+        shared=shared,
+        structure=structure,
+        stated=stated,
+        untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
+    )
+    judged = candidates(search, supported, everything, generator)
+    unjudged = (
+        Candidate(cause=name, mechanism=mechanism_of(name), why=why)
+        for name, why in assembly.unjudged.items()
+    )
+    confused = guard.attempt(OptionalStage.CONFUSABILITY, confusing) or NOT_KNOWN
+    levels = None
+    if search.effort.levels_out:
+        names = extension(decision, tuple(supported))
+        levels = guard.attempt(
+            OptionalStage.LEVELS_OUT, levels_out, search, names, seed=folding, executor=executor
+        )
+    experiments = guard.attempt(
+        OptionalStage.EXPERIMENTS, _next, search, decision, favoured, assembly, generator
+    )
     return Judgement(
         misfit=alone.misfit,
         left=final.misfit,
-        rupture=beside[0],
-        contradicted=beside[1],
-        questioned=beside[2],
-        candidates=_tried(search, favoured[0], everything, generator, catalogue, counted),
-        supported=tuple(favoured[0]),
+        rupture=rupture,
+        contradicted=contradicted,
+        questioned=off_prior,
+        candidates=_with_counted([*judged, *unjudged], counted),
+        supported=tuple(supported),
         decision=decision,
         threshold=alone.threshold,
-        confusability=guard.attempt(OptionalStage.CONFUSABILITY, confused) or NOT_KNOWN,
+        confusability=confused,
         held_out={label(names): found for names, found in held_out.items()},
-        levels_out=_levels_out(search, extension(decision, tuple(favoured[0])), folding, guard),
+        levels_out=levels or {},
         search=search,
-        shared=tuple(left[0]),
-        experiments=_proposed(guard, search, decision, favoured, catalogue, generator),
-        alike=tuple(cause.name for cause in catalogue.alike),
+        shared=tuple(shared),
+        experiments=experiments or (),
+        alike=alike,
         counted=counted,
         own_counts=own,
         absorbed=absorbed,
-        missing=_missing((alone, final), decision, left[1], catalogue, guard, seed, executor),
-        stated=favoured[1],
+        missing=_missing((alone, final), decision, structure, assembly, guard, seed, executor),
+        stated=stated,
     )
 
 
@@ -575,31 +622,6 @@ def count_misfits(
     )
 
 
-def _begun_counts(
-    trial: CandidateFit,
-    catalogue: Catalogue | Assembly,
-    seed: np.random.SeedSequence,
-    executor: Executor | None,
-) -> Callable[[], tuple[Counted | None, CountMisfit | None]]:
-    """Start judging rupture counts in the background, with the causes that the readings favour."""
-    generator = np.random.default_rng(seed.spawn(1)[0])
-    if not can_be_counted(trial.subject):
-        return lambda: (None, None)
-    work = partial(_judged_counts, trial, catalogue.counts, catalogue.of_counts, generator)
-    return later(work, executor)
-
-
-def _beside_counts(
-    search: Search,
-    chosen: Names,
-    counting: Callable[[], tuple[Counted | None, CountMisfit | None]],
-    guard: Guard,
-) -> tuple[Absorption | None, Counted | None, CountMisfit | None]:
-    """Return absorption by parameters, computed while another process judges counts, and these."""
-    absorbed = guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen)
-    return absorbed, *(guard.attempt(OptionalStage.RUPTURE_COUNTS, counting) or (None, None))
-
-
 def _judged_counts(
     trial: CandidateFit,
     counts: RuptureCounts | None,
@@ -614,19 +636,6 @@ def _judged_counts(
         return None if counts is None else judge_counts(trial, counts, causes, second), own
 
 
-def _tried(
-    search: Search,
-    supported: list[Support],
-    everything: dict[Names, HeldOut],
-    generator: np.random.Generator,
-    catalogue: Catalogue | Assembly,
-    counted: Counted | None,
-) -> tuple[Candidate, ...]:
-    """Return every cause, also those that cannot be judged, the most probable first."""
-    judged = candidates(search, supported, everything, generator)
-    return _with_counted([*judged, *_unjudged(catalogue)], counted)
-
-
 def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Candidate, ...]:
     """Return the candidates with the evidence of rupture counts, the most probable first."""
     found = {} if counted is None else counted.candidates
@@ -638,25 +647,8 @@ def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Can
     return tuple(sorted(both, key=lambda one: 1.0 if one.probability is None else -one.probability))
 
 
-def _shared(step: Step, guard: Guard) -> list[SharedScatter]:
-    """Return the result of `shared_scatter`; empty if it could not be computed."""
-    stage = OptionalStage.SHARED_SCATTER
-    return guard.attempt(stage, shared_scatter, step.trial, step.simulated) or []
-
-
-def _left(
-    steps: tuple[Step, Step], catalogue: Catalogue | Assembly, guard: Guard
-) -> tuple[list[SharedScatter], MissingTerms | None]:
-    """Return shared scatter, and terms for the remaining misfit; None without them."""
-    alone, final = steps
-    shared = _shared(final, guard)
-    if final is alone:
-        return shared, None
-    return shared, guard.attempt(OptionalStage.STRUCTURE, _terms_of, final, catalogue)
-
-
-def _terms_of(step: Step, catalogue: Catalogue | Assembly) -> MissingTerms:
-    linear, batches = step.trial.linear, catalogue.batches
+def _terms_of(step: Step, assembly: Assembly) -> MissingTerms:
+    linear, batches = step.trial.linear, assembly.batches
     return missing_terms(linear, step.simulated, step.misfit, batches=batches)
 
 
@@ -664,7 +656,7 @@ def _missing(
     steps: tuple[Step, Step],
     decision: Decision,
     structure: MissingTerms | None,
-    catalogue: Catalogue | Assembly,
+    assembly: Assembly,
     guard: Guard,
     seed: np.random.SeedSequence,
     executor: Executor | None,
@@ -676,7 +668,7 @@ def _missing(
     if decision.outcome is not Outcome.UNEXPLAINED and not remains:
         return None
     step, known = (final, structure) if named else (alone, None)
-    found = guard.attempt(OptionalStage.MISSING_TERMS, _described, step, known, catalogue)
+    found = guard.attempt(OptionalStage.MISSING_TERMS, _described, step, known, assembly)
     if found is None:
         return None
     generator = np.random.default_rng(seed.spawn(1)[0])
@@ -686,7 +678,7 @@ def _missing(
 
 def _between_terms(
     found: Description, generator: np.random.Generator, executor: Executor | None
-) -> list[dict[str, object]]:
+) -> tuple[ExperimentEntry, ...]:
     """Rank experiments that would tell apart terms that fit about equally well."""
     trial = found.step.trial
     trials = term_trials(trial, found.found, generator)
@@ -695,29 +687,11 @@ def _between_terms(
     return next_experiments_document(ranked, partial(worded, degrades=trial.subject.degrades))
 
 
-def _described(
-    step: Step, known: MissingTerms | None, catalogue: Catalogue | Assembly
-) -> Description:
-    found = _terms_of(step, catalogue) if known is None else known
-    linear, batches = step.trial.linear, catalogue.batches
+def _described(step: Step, known: MissingTerms | None, assembly: Assembly) -> Description:
+    found = _terms_of(step, assembly) if known is None else known
+    linear, batches = step.trial.linear, assembly.batches
     columns = misfit_columns(linear, step.simulated, step.misfit, batches=batches)
     return Description(step, found, columns)
-
-
-def _on(base: CandidateFit, effort: SearchEffort) -> SearchEffort:
-    """Return the effort with the number of replicates needed for p-values near the level."""
-    forward = any(one.uses_forward for one in base.subject.criticised)
-    return replace(effort, most=MOST if forward else MOST_OF_FILMS)
-
-
-def _searched(search: Search, progress: Progress) -> tuple[Names, Step, Step]:
-    """Return the supported causes, and the tests without a cause and with all of them."""
-    search.on_fit = partial(progress.advance, 1)
-    progress.stage("misfit, calibrated by simulation")
-    alone = search.step(BASE)
-    progress.stage("causes, one by one and together")
-    chosen = run_search(search)
-    return chosen, alone, search.left(chosen) if chosen else alone
 
 
 def _held_out(
@@ -729,6 +703,10 @@ def _held_out(
 ) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut]]:
     """Return the result of `held_out_and_all`; empty if it could not be computed."""
     progress.stage("held-out specimens")
+
+    def told(names: Names) -> None:
+        progress.advance(1, label(names))
+
     found = guard.attempt(
         OptionalStage.HELD_OUT,
         held_out_and_all,
@@ -736,117 +714,34 @@ def _held_out(
         chosen,
         seed=seed,
         executor=search.executor,
-        on_set=partial(_told, progress),
+        on_set=told,
     )
     return found or ({}, {})
-
-
-def _levels_out(
-    search: Search, names: Names, seed: np.random.SeedSequence, guard: Guard
-) -> dict[str, HeldOut]:
-    """Return the result of `levels_out`; empty if not requested or not computed."""
-    if not search.effort.levels_out:
-        return {}
-    found = guard.attempt(
-        OptionalStage.LEVELS_OUT, levels_out, search, names, seed=seed, executor=search.executor
-    )
-    return found or {}
-
-
-def _told(progress: Progress, names: Names) -> None:
-    progress.advance(1, label(names))
-
-
-def _begun(
-    search: Search, generator: np.random.Generator
-) -> tuple[Callable[[], RuptureMisfit | None], Callable[[], Confusability]]:
-    """Start the tests of the base model in the background; the calls return the results."""
-    base = search.base
-    first, second, drawing = generator.spawn(3)
-    draws = base.draws(drawing, FEW_DRAWS)
-    return (
-        later(partial(rupture_misfit, base.subject, draws, first), search.executor),
-        later(partial(confusability, base.linear, search.causes, second), search.executor),
-    )
-
-
-def _beside(
-    base: CandidateFit,
-    begun: Callable[[], RuptureMisfit | None],
-    generator: np.random.Generator,
-    guard: Guard,
-) -> Beside:
-    """Return the base model's agreement with ruptures, measured means and priors."""
-    model, draws = base.subject, base.draws(generator, FEW_DRAWS)
-    rupture = guard.attempt(OptionalStage.RUPTURE_MISFIT, begun)
-    if rupture is not None and np.isnan(rupture.p_value):
-        guard.note(
-            OptionalStage.RUPTURE_MISFIT, sentences("findings", "ruptures_not_judged", one=rupture)
-        )
-        rupture = None
-    contradicted = guard.attempt(OptionalStage.CONFLICT, conflict, model, draws)
-    off_prior = guard.attempt(OptionalStage.CONFLICT, questioned, model, draws) or ()
-    return rupture, contradicted, off_prior
-
-
-def _decided(
-    steps: tuple[Step, Step],
-    favoured: Favoured,
-    beside: tuple[*Beside, Counted | None],
-    catalogue: Catalogue | Assembly,
-    left: tuple[list[SharedScatter], MissingTerms | None],
-    guard: Guard,
-) -> Decision:
-    rupture, contradicted, off_prior, counted = beside
-    if not steps[0].misfit.is_calibrated:
-        few = uncalibrated(steps[0].misfit)
-        guard.note(OptionalStage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
-    tried = (*catalogue.candidates, *catalogue.of_counts)
-    silent = frozenset(cause.name for cause in tried if cause.is_of_rupture_alone)
-    return decide(
-        *steps,
-        [*favoured[0], *(() if counted is None else counted.supported)],
-        rupture=rupture,
-        counts=None if counted is None else counted.misfit,
-        contradicted=contradicted,
-        questioned=off_prior,
-        on_rupture=silent,
-        alike=tuple(cause.name for cause in catalogue.alike),
-        shared=left[0],
-        structure=left[1],
-        stated=favoured[1],
-        untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
-    )
-
-
-def _proposed(guard: Guard, *about: Any) -> list[dict[str, object]]:
-    """Return the ranking of `_next`; empty if it failed."""
-    return guard.attempt(OptionalStage.EXPERIMENTS, _next, *about) or []
 
 
 def _next(
     search: Search,
     decision: Decision,
     favoured: Favoured,
-    catalogue: Catalogue | Assembly,
+    assembly: Assembly,
     generator: np.random.Generator,
-) -> list[dict[str, object]]:
+) -> tuple[ExperimentEntry, ...]:
     """Rank the next experiments by how well they tell apart the models in question."""
     base, (supported, stated) = search.base, favoured
     chosen = frozenset(one.cause for one in supported)
     untested: tuple[Cause, ...] = ()
     if decision.outcome is Outcome.ADEQUATE:
-        return []
+        return ()
     if decision.outcome is Outcome.NOT_JUDGED and not supported:
-        return []
+        return ()
     if decision.outcome is Outcome.UNEXPLAINED:
         nearest = sorted(search.trials, key=search.factor)[-IN_QUESTION:]
         sets = dict.fromkeys([BASE, *nearest])
-        untested = _shown_by(candidate_experiments(base.subject), catalogue.unjudged)
-    elif not supported and not catalogue.alike:
-        return []  # no reading is in question
+        untested = _shown_by(candidate_experiments(base.subject), assembly.unjudged)
+    elif not supported and not assembly.alike:
+        return ()  # no reading is in question
     elif not supported:
-        return _beside_the_law(base, catalogue, generator)
+        return _beside_the_law(base, assembly, generator)
     else:
         others = {
             one.replaced(chosen, rival): gap
@@ -887,16 +782,9 @@ def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[
 
 
 def _beside_the_law(
-    base: CandidateFit, catalogue: Catalogue | Assembly, generator: np.random.Generator
-) -> list[dict[str, object]]:
+    base: CandidateFit, assembly: Assembly, generator: np.random.Generator
+) -> tuple[ExperimentEntry, ...]:
     """Rank experiments for causes that look like a different form of the law in earlier tests."""
-    trials = [try_causes(base, c, neutral_sizes(c), generator) for c in catalogue.alike]
+    trials = [try_causes(base, c, neutral_sizes(c), generator) for c in assembly.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
     return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))
-
-
-def _unjudged(catalogue: Catalogue | Assembly) -> list[Candidate]:
-    return [
-        Candidate(name, None, None, None, None, None, {}, fitted=False, why=why)
-        for name, why in catalogue.unjudged.items()
-    ]

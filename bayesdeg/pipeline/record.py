@@ -1,18 +1,15 @@
 """Findings of a run, and the content of ``verdict.json`` in numbers and words."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.checks.absorption import Absorption, Displacement
-from bayesdeg.criticism.checks.conflict import Conflict, Questioned, questioned
-from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit
+from bayesdeg.causes.catalogue import CATALOGUE, mechanism_of
+from bayesdeg.criticism.checks.conflict import questioned
+from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.criticism.checks.residuals import (
-    Concentration,
     CurvatureDeparture,
     ReadingsDeparture,
     StressDeparture,
@@ -21,17 +18,24 @@ from bayesdeg.criticism.checks.residuals import (
     where_films,
     where_readings,
 )
-from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.suspects import Anomaly
-from bayesdeg.criticism.decide.candidates import Candidate, EffectSize
 from bayesdeg.criticism.decide.counted import Counted
 from bayesdeg.criticism.decide.verdict import Decision, NotConverged, share_explained, uncalibrated
+from bayesdeg.criticism.findings import (
+    Candidate,
+    Concentration,
+    CountedCauseEntry,
+    DescriptionEntry,
+    EffectSize,
+    MissingTermEntry,
+    Questioned,
+    RuptureCountsEntry,
+)
 from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
-from bayesdeg.data.unused import Unused
 from bayesdeg.inference.model import Refusals
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators
@@ -41,29 +45,17 @@ from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.films import CourseFit, Films
-from bayesdeg.pipeline.judge import Judgement, not_converged, readings_misfit
-from bayesdeg.pipeline.missing import description_entry
+from bayesdeg.pipeline.judge import Description, Judgement, not_converged, readings_misfit
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.priors import Choice, Parameter
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
-    AbsorbedEntry,
-    CandidateEntry,
-    ConcentrationEntry,
-    ContradictionEntry,
-    CountedCauseEntry,
-    CountedLevelEntry,
-    EffectEntry,
-    ExperimentEntry,
     ForwardMapEntry,
     InDoubt,
     MisfitEntry,
     NamingEntry,
     OutcomeEntry,
-    QuestionedEntry,
-    RuptureCountsEntry,
-    RuptureEntry,
     SuspectEntry,
     UnusedEntry,
     VerdictRecord,
@@ -131,7 +123,6 @@ class Results:
 def verdict_document(
     judgement: Judgement,
     where: str,
-    experiments: Sequence[Mapping[str, object]] = (),
     *,
     note: str = "",
     concentrated: Concentration | None = None,
@@ -145,8 +136,6 @@ def verdict_document(
         The verdict.
     where : str
         Where the misfit sits.
-    experiments : sequence, optional
-        What to measure next, with the keys of `bayesdeg.report.record.ExperimentEntry`.
     note : str
         What is wrong with modes of tension that were predicted only.
     concentrated : Concentration, optional
@@ -155,7 +144,10 @@ def verdict_document(
         In place of what `explain` says.
     """
     said = explain(judgement, where) if explanation is None else explanation
-    decision, base = judgement.decision, judgement.steps[0]
+    decision, base, absorbed = judgement.decision, judgement.steps[0], judgement.absorbed
+    degrades = judgement.search.base.subject.degrades
+    counted, own = judgement.counted, judgement.own_counts
+    found = () if counted is None else (_with_causes(counted, degrades=degrades),)
     return VerdictRecord(
         outcome=decision.outcome,
         causes=decision.causes,
@@ -163,18 +155,18 @@ def verdict_document(
         sets=decision.sets,
         alternatives=decision.alternatives,
         explanation=f"{said} {note}".strip(),
-        candidates=tuple(_candidate(c, judgement) for c in judgement.candidates),
+        candidates=judgement.candidates,
         confusable=tuple(judgement.confusability.pairs()),
         false_name_rate=base.false_name_rate,
         naming=NamingEntry(log_bayes_factor=judgement.threshold, replicates=len(base.chance)),
         predicted_with=judgement.predicted_with,
         misfit=_misfit(judgement, where, concentrated),
-        ruptures=_ruptures(judgement.rupture),
-        rupture_counts=_rupture_counts(judgement),
-        contradicted=_contradicted(judgement.contradicted),
-        absorbed=_absorbed(judgement.absorbed),
-        next_experiments=tuple(ExperimentEntry.model_validate(one) for one in experiments),
-        description=description_entry(judgement),
+        ruptures=judgement.rupture,
+        rupture_counts=(*found, *(() if own is None else (counts_entry(own, degrades=degrades),))),
+        contradicted=judgement.contradicted,
+        absorbed=() if absorbed is None else absorbed.in_question,
+        next_experiments=judgement.experiments,
+        description=None if judgement.missing is None else _described(judgement.missing),
     )
 
 
@@ -190,7 +182,7 @@ def _misfit(judgement: Judgement, where: str, found: Concentration | None) -> Mi
         p_value=judgement.misfit.p_value,
         replicates=len(judgement.misfit.null),
         where=where,
-        concentrated=None if found is None else _concentrated(found),
+        concentrated=found,
         rms_MPa=stress[0],
         noise_MPa=stress[1],
         rms=other[0],
@@ -206,46 +198,25 @@ def _other_kind(judgement: Judgement) -> tuple[str, str]:
     return next(((kind, scale.unit) for kind, scale in scales.items()), ("", ""))
 
 
-def _concentrated(found: Concentration) -> ConcentrationEntry:
-    return ConcentrationEntry(
-        kind=found.kind,
-        members=found.members,
-        excess_pct=found.excess,
-        share_of_misfit=found.share,
-        share_of_readings=found.readings,
-        p_value=found.p_value,
-    )
-
-
-def _ruptures(found: RuptureMisfit | None) -> RuptureEntry | None:
-    return None if found is None else RuptureEntry.of(found)
-
-
-def _rupture_counts(judgement: Judgement) -> tuple[RuptureCountsEntry, ...]:
-    """Return the findings on rupture counts, published ones first."""
-    counted, own = judgement.counted, judgement.own_counts
-    degrades = judgement.search.base.subject.degrades
-    found = () if counted is None else (_with_causes(counted, degrades=degrades),)
-    return (*found, *(() if own is None else (counts_entry(own, degrades=degrades),)))
-
-
 def _with_causes(counted: Counted, *, degrades: bool) -> RuptureCountsEntry:
-    said = worded(counted if counted.misfit.contradicts else counted.misfit, degrades=degrades)
-    return counts_entry(counted.misfit).model_copy(
-        update={
-            "explained_by": counted.explained_by,
-            "criteria": dict(counted.criteria),
-            "tried": tuple(
-                CountedCauseEntry(
-                    cause=one.name,
-                    log_bayes_factor=one.support.log_bayes_factor,
-                    p_value=one.left.p_value,
-                )
-                for one in counted.tried
-            ),
-            "sentence": said,
-        }
+    """Return the entry of published counts, with the causes that may explain them."""
+    tried = (
+        CountedCauseEntry(
+            cause=one.name,
+            log_bayes_factor=one.support.log_bayes_factor,
+            p_value=one.left.p_value,
+        )
+        for one in counted.tried
     )
+    found = {
+        "explained_by": counted.explained_by,
+        "criteria": dict(counted.criteria),
+        "tried": tuple(tried),
+        "sentence": worded(
+            counted if counted.misfit.contradicts else counted.misfit, degrades=degrades
+        ),
+    }
+    return counts_entry(counted.misfit).model_copy(update=found)
 
 
 def counts_entry(found: CountMisfit, *, degrades: bool = True) -> RuptureCountsEntry:
@@ -261,7 +232,7 @@ def counts_entry(found: CountMisfit, *, degrades: bool = True) -> RuptureCountsE
     least = 1.0 / max(found.draws, 1)
     return RuptureCountsEntry(
         source=found.source,
-        levels=tuple(_counted_level(one, least) for one in found.levels),
+        levels=tuple(one.not_below(least) for one in found.levels),
         probability=max(float(np.exp(found.log_probability)), least) if found.levels else None,
         p_value=found.p_value,
         draws=found.draws,
@@ -272,57 +243,33 @@ def counts_entry(found: CountMisfit, *, degrades: bool = True) -> RuptureCountsE
     )
 
 
-def _counted_level(one: CountedLevel, least: float) -> CountedLevelEntry:
-    return CountedLevelEntry(
-        degradation_pct=one.degradation,
-        pressure_kPa=one.pressure,
-        tested=one.tested,
-        ruptured=one.ruptured,
-        probability=max(one.probability, least),
-        probability_q05=max(one.low, least),
-        probability_q95=max(one.high, least),
-        count_probability=max(one.chance, least),
+def _described(found: Description) -> DescriptionEntry:
+    terms = (
+        MissingTermEntry(
+            formula=one.term.formula,
+            columns=one.term.columns,
+            size=one.size,
+            q05=one.low,
+            q95=one.high,
+            unit=one.term.unit,
+            share_of_misfit=one.share,
+            p_value=one.p_value,
+            elpd_diff=one.held_out,
+            elpd_diff_se=one.held_out_se,
+            alike=tuple(other.term.formula for other in one.alike),
+            count_alike=one.count_alike,
+        )
+        for one in found.found.terms
     )
-
-
-def _absorbed(found: Absorption | None) -> tuple[AbsorbedEntry, ...]:
-    """Return the parameters that absorb a model error, the most displaced first."""
-    return () if found is None else tuple(_taken_up(found, one) for one in found.in_question)
-
-
-def _taken_up(found: Absorption, one: Displacement) -> AbsorbedEntry:
-    pushes, after, direct = found.pushed_by(one), found.returned(one), one.measured
-    return AbsorbedEntry(
-        parameter=one.parameter.name,
-        meaning=one.parameter.meaning,
-        unit=one.parameter.unit,
-        median=one.posterior.median,
-        all_else_low=one.all_else.low,
-        all_else_median=one.all_else.median,
-        all_else_high=one.all_else.high,
-        measured=None if direct is None else direct.value,
-        measured_se=None if direct is None else direct.se,
-        source="" if direct is None else direct.source,
-        displacement=one.moved,
-        p_value=one.adjusted,
-        pushed_by=tuple(push.causes for push in pushes),
-        explained_share=pushes[0].share(one) if pushes else None,
-        median_after=None if after is None else after.posterior.median,
-        displacement_after=None if after is None else after.moved,
-    )
-
-
-def _contradicted(found: Conflict | None) -> ContradictionEntry | None:
-    if found is None:
-        return None
-    measured = found.statistic
-    return ContradictionEntry(
-        quantity=measured.quantity,
-        measured=measured.value,
-        standard_error=measured.se,
-        source=measured.source,
-        calibrated=found.wanted,
-        p_value=found.p_value,
+    return DescriptionEntry(
+        sentence=worded(found, degrades=found.step.trial.subject.degrades),
+        with_causes=tuple(sorted(found.step.trial.names)),
+        terms=tuple(terms),
+        columns=found.columns,
+        p_value=found.found.p_value,
+        tried=found.found.tried,
+        replicates=found.found.replicates,
+        next_experiments=found.experiments,
     )
 
 
@@ -356,34 +303,10 @@ def unjudged_document(
         outcome=Outcome.NOT_JUDGED,
         explanation=sentences("run", "unjudged", **facts),
         candidates=tuple(
-            CandidateEntry(cause=name, mechanism=_mechanism(name), why=why)
+            Candidate(cause=name, mechanism=mechanism_of(name), why=why)
             for name, why in unjudged.items()
         ),
     )
-
-
-def _candidate(candidate: Candidate, judgement: Judgement) -> CandidateEntry:
-    own = {cause.name: cause.mechanism for cause in judgement.search.causes}
-    fit = "full fit" if candidate.fitted else "screening"
-    return CandidateEntry(
-        cause=candidate.cause,
-        probability=candidate.probability,
-        log_bayes_factor=candidate.log_bayes_factor,
-        log_bayes_factor_error=candidate.log_bayes_factor_error,
-        elpd_diff=candidate.elpd_diff,
-        elpd_diff_se=candidate.elpd_diff_se,
-        explained_fraction=candidate.explained_fraction,
-        effect={name: EffectEntry.of(size) for name, size in candidate.effect.items()},
-        mechanism=own.get(candidate.cause) or _mechanism(candidate.cause),
-        naming_p_value=candidate.naming_p_value,
-        why=candidate.why,
-        judged_by="" if candidate.why else fit,
-    )
-
-
-def _mechanism(cause: str) -> str:
-    known = CATALOGUE.get(cause)
-    return known.mechanism if known else ""
 
 
 Floats = NDArray[np.float64]
@@ -458,7 +381,6 @@ def _verdict(
     return verdict_document(
         judgement,
         place,
-        judgement.experiments,
         note=f"{note} {missing}".strip(),
         concentrated=found,
         explanation=said or f"The verdict is: {judgement.decision.outcome}.",
@@ -502,8 +424,18 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
     left, whole = assembly.study or study, assembly.whole or study
     unused = unused_rows(left, whole, (*assembly.beyond, *assembly.aside))
     decided = () if results.judgement is None else results.judgement.decision.reasons
+    decided_with = results.with_suspects
     return InDoubt(
-        unused=tuple(map(_unused, unused)),
+        unused=tuple(
+            UnusedEntry(
+                file=one.file,
+                rows=one.rows,
+                specimens=one.specimens,
+                why=str(one.why),
+                sentence=sentences("run", "unused", one=one),
+            )
+            for one in unused
+        ),
         not_converged=(
             *(
                 f"{name} model: {worded(fit.diagnosis)}"
@@ -514,19 +446,9 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
             *(worded(one) for one in decided if isinstance(one, NotConverged)),
         ),
         suspects=suspects_of(study, results, found),
-        parameters_in_question=_off_priors(results),
-        with_suspects=_outcome(results.with_suspects),
+        parameters_in_question=tuple(_off_priors(results)),
+        with_suspects=None if decided_with is None else OutcomeEntry.of(decided_with),
         forward_map=forward_map_of(results),
-    )
-
-
-def _unused(one: Unused) -> UnusedEntry:
-    return UnusedEntry(
-        file=one.file,
-        rows=one.rows,
-        specimens=one.specimens,
-        why=str(one.why),
-        sentence=sentences("run", "unused", one=one),
     )
 
 
@@ -541,13 +463,6 @@ def forward_map_of(results: Results) -> ForwardMapEntry | None:
     return known.model_copy(update=found)
 
 
-def _outcome(decision: Decision | None) -> OutcomeEntry | None:
-    if decision is None:
-        return None
-    found = {"outcome": decision.outcome, "causes": decision.causes, "one_of": decision.one_of}
-    return OutcomeEntry.model_validate(found)
-
-
 def suspects_of(
     study: Study, results: Results, found: Sequence[Doubt] | None = None
 ) -> tuple[SuspectEntry, ...]:
@@ -559,36 +474,35 @@ def suspects_of(
         found = doubts(whole, outline(whole).expected) if known else ()
     odd = [_odd(one, results, whole) for one in assembly.aside if one.suspect is not None]
     out = {(one.table, n) for one in assembly.aside if one.suspect is None for n in one.specimens}
-    beyond = [_beyond(one) for one in assembly.beyond]
-    return (*odd, *beyond, *(_suspect(doubt, out) for doubt in found))
-
-
-def _beyond(one: Exclusion) -> SuspectEntry:
-    """Return the entries of readings that no curve reaches."""
-    several = len(one.specimens) > 1
-    lowest = min(pressure for _, pressure, *_ in one.readings)
-    return SuspectEntry(
-        file=f"{one.table}.csv",
-        specimen=None if several else one.specimens[0],
-        specimens=one.specimens if several else (),
-        why=sentences("findings", "beyond", one=one, lowest=lowest),
-        oddity="beyond",
-        readings=len(one.readings),
-        set_aside=True,
-    )
-
-
-def _suspect(doubt: Doubt, out: Collection[tuple[str | None, str]]) -> SuspectEntry:
-    fault = doubt.fault
-    set_aside = (FILES.get(fault.file), fault.specimen) in out and doubt.is_alone
-    return SuspectEntry(
-        file=fault.file,
-        specimen=fault.specimen,
-        column=fault.column,
-        value=fault.value,
-        why=f"{doubt}; it is set aside" if set_aside else str(doubt),
-        set_aside=set_aside,
-    )
+    beyond = [
+        SuspectEntry(
+            file=f"{one.table}.csv",
+            specimen=one.specimens[0] if len(one.specimens) == 1 else None,
+            specimens=one.specimens if len(one.specimens) > 1 else (),
+            why=sentences(
+                "findings", "beyond", one=one, lowest=min(p for _, p, *_ in one.readings)
+            ),
+            oddity="beyond",
+            readings=len(one.readings),
+            set_aside=True,
+        )
+        for one in assembly.beyond
+    ]
+    by_columns = []
+    for doubt in found:
+        fault = doubt.fault
+        set_aside = (FILES.get(fault.file), fault.specimen) in out and doubt.is_alone
+        by_columns.append(
+            SuspectEntry(
+                file=fault.file,
+                specimen=fault.specimen,
+                column=fault.column,
+                value=fault.value,
+                why=f"{doubt}; it is set aside" if set_aside else str(doubt),
+                set_aside=set_aside,
+            )
+        )
+    return (*odd, *beyond, *by_columns)
 
 
 def _odd(one: Exclusion, results: Results, whole: Study) -> SuspectEntry:
@@ -648,56 +562,24 @@ def _is_stiffness(one: Exclusion) -> bool:
     return way is Anomaly.RESPONSE and len(one.specimens) == 1
 
 
-def _off_priors(results: Results) -> tuple[QuestionedEntry, ...]:
+def _off_priors(results: Results) -> Iterator[Questioned]:
+    """Yield the parameters far off their priors, with what pushed them there if that is known."""
     fit = results.final
-    vectors = fit.chain.spread(DRAWS)
     absorbed = None if results.judgement is None else results.judgement.absorbed
-    return tuple(_question(one, absorbed) for one in questioned(fit.model, vectors))
-
-
-def _question(one: Questioned, absorbed: Absorption | None) -> QuestionedEntry:
-    low, high = one.expected
-    displaced = None if absorbed is None else absorbed.of(one.parameter.name)
-    known = displaced is not None and not np.isnan(displaced.moved)
-    pushes = absorbed.pushed_by(displaced) if absorbed and displaced and known else ()
-    return QuestionedEntry(
-        parameter=one.parameter.name,
-        meaning=one.parameter.meaning,
-        unit=one.parameter.unit,
-        median=one.value,
-        prior_low=low,
-        prior_high=high,
-        p_value=one.p_value,
-        displacement=displaced.moved if displaced and known else None,
-        pushed_by=tuple(push.causes for push in pushes),
-    )
+    for one in questioned(fit.model, fit.chain.spread(DRAWS)):
+        displaced = None if absorbed is None else absorbed.of(one.parameter)
+        if absorbed is None or displaced is None or np.isnan(displaced.moved_sd):
+            yield one
+        else:
+            pushes = tuple(push.causes for push in absorbed.pushed_by(displaced))
+            found = {"displacement": displaced.moved_sd, "pushed_by": pushes}
+            yield one.model_copy(update=found)
 
 
 LARGEST_LOSS = 0.05  # share of simulated data sets lost before the reader is warned
 SMALL_CHANCE = 0.05  # p-value of ruptures below which a sentence is written
 FEW_ERRORS = 2.0  # standard errors within which a gain may be zero
 LIKELY = 0.5  # probability of a cause above which the text says why it is not named
-
-
-@dataclass(frozen=True)
-class _NamedCause:
-    name: str
-    mechanism: str
-    sizes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Rival:
-    name: str
-    cause: str
-    gap: float
-
-
-@dataclass(frozen=True)
-class _ModeError:
-    name: str
-    before: float
-    after: float
 
 
 def explain(judgement: Judgement, where: str) -> str:
@@ -710,30 +592,65 @@ def explain(judgement: Judgement, where: str) -> str:
     where : str
         Where the misfit is, in a sentence.
     """
-    misfit, decision = judgement.misfit, judgement.decision
-    count = len(misfit.null)
+    misfit, decision, candidates = judgement.misfit, judgement.decision, judgement.candidates
     counted, degrades = judgement.counted, judgement.search.base.subject.degrades
+    count = len(misfit.null)
+
+    # the causes decided on, with the sizes of their parameters
+    tried = {cause.name: cause for cause in judgement.search.causes}
+    known = {name: tried[name] if name in tried else CATALOGUE[name] for name in decision.causes}
+    effects = {one.cause: one.effect for one in candidates}
+    causes = [
+        {
+            "name": name,
+            "mechanism": cause.mechanism,
+            "sizes": [
+                _size(parameter, effects[name][parameter.name])
+                for parameter in cause.parameters
+                if parameter.name in effects.get(name, ())
+            ],
+        }
+        for name, cause in known.items()
+    ]
+
+    # the best replacement for a named cause, and its deficit in evidence
+    rivals = [
+        (gap, {"name": name, "cause": one.cause, "gap": gap})
+        for one in judgement.supported
+        if one.cause in decision.causes
+        for name, gap in one.rivals.items()
+    ]
+    judged = [c for c in candidates if c.log_bayes_factor is not None]
+
     contradicted = counted is not None and counted.misfit.contradicts
+    others = [one.p_value for one in (judgement.rupture, judgement.contradicted) if one is not None]
+    by_counts_alone = (
+        contradicted
+        and all(p > MISFIT_LEVEL for p in (misfit.p_value, *others))
+        and not (judgement.supported or judgement.questioned)
+        and not any(one.is_more_than_chance for one in judgement.shared)
+    )
     said = sentences(
         "verdict",
         "explanation",
         j=judgement,
         degrades=degrades,
         counts=worded(counted, degrades=degrades) if contradicted else "",
-        by_counts_alone=contradicted and _agrees_otherwise(judgement),
+        by_counts_alone=by_counts_alone,
         where=where,
         outcome=str(decision.outcome),
-        catalogue={name: _known(judgement, name) for name in decision.causes},
-        causes=[_named(judgement, name) for name in decision.causes],
+        catalogue=known,
+        causes=causes,
         named_or=" or ".join(decision.causes),
         favoured=" and ".join(one.cause for one in judgement.supported),
         reasons="; ".join(worded(one, degrades=degrades) for one in decision.reasons),
         uncalibrated="" if misfit.is_calibrated else worded(uncalibrated(misfit)),
         count=count,
         larger=round(misfit.p_value * (count + 1) - 1) if np.isfinite(misfit.p_value) else 0,
-        likely=_likely(judgement),
-        nearest=_nearest(judgement),
-        rival=_rival(judgement),
+        # the cause that the table shows as likely
+        likely=next((c for c in candidates if (c.probability or 0.0) >= LIKELY), None),
+        nearest=max(judged, key=lambda c: c.log_bayes_factor or 0.0, default=None),
+        rival=min(rivals, key=lambda one: one[0])[1] if rivals else None,
         shares=_shares(judgement),
         modes=_modes(judgement),
         level=MISFIT_LEVEL,
@@ -745,26 +662,6 @@ def explain(judgement: Judgement, where: str) -> str:
     return said.replace(SPACE, " ")
 
 
-def _agrees_otherwise(judgement: Judgement) -> bool:
-    """Return whether only rupture counts contradict the base model."""
-    rupture, mean = judgement.rupture, judgement.contradicted
-    beside = [one.p_value for one in (rupture, mean) if one is not None]
-    shared = any(one.is_more_than_chance for one in judgement.shared)
-    quiet = judgement.misfit.p_value > MISFIT_LEVEL and all(p > MISFIT_LEVEL for p in beside)
-    return quiet and not (judgement.supported or judgement.questioned or shared)
-
-
-def _likely(judgement: Judgement) -> Candidate | None:
-    """Return the cause that the table shows as likely."""
-    return next((c for c in judgement.candidates if (c.probability or 0.0) >= LIKELY), None)
-
-
-def _nearest(judgement: Judgement) -> Candidate | None:
-    """Return the candidate with the largest log Bayes factor; None if none was judged."""
-    judged = [c for c in judgement.candidates if c.log_bayes_factor is not None]
-    return max(judged, key=lambda c: c.log_bayes_factor or 0.0, default=None)
-
-
 def _shares(judgement: Judgement) -> tuple[float, float] | None:
     """Return the explained share of the misfit on either scale; None if unknown."""
     calibrated = judgement.misfit.is_calibrated and judgement.left.is_calibrated
@@ -774,47 +671,23 @@ def _shares(judgement: Judgement) -> tuple[float, float] | None:
     return round(own, 3), round(common, 3)
 
 
-def _modes(judgement: Judgement) -> list[_ModeError]:
+def _modes(judgement: Judgement) -> list[dict[str, object]]:
     """Return the errors of held-out modes before and after [MPa]."""
     subject, held_out = judgement.search.base.subject, judgement.held_out
-    whole = subject.holds_out_modes
-    if not whole or len(held_out) < 2:
+    if not subject.holds_out_modes or len(held_out) < 2:
         return []
     ends = {name: held_out[name] for name in (next(iter(held_out)), list(held_out)[-1])}
     error = mode_table(subject, ends).pivot(index="mode", columns="model", values="rmse_MPa")
     return [
-        _ModeError(str(mode), float(row.iloc[0]), float(row.iloc[1]))
+        {"name": str(mode), "before": float(row.iloc[0]), "after": float(row.iloc[1])}
         for mode, row in error[list(ends)].iterrows()
     ]
 
 
-def _named(judgement: Judgement, name: str) -> _NamedCause:
-    cause = _known(judgement, name)
-    effect = next((c.effect for c in judgement.candidates if c.cause == name), {})
-    sizes = tuple(_size(p, effect[p.name]) for p in cause.parameters if p.name in effect)
-    return _NamedCause(name, cause.mechanism, sizes)
-
-
 def _size(parameter: Parameter, effect: EffectSize) -> str:
+    """Word the size of a cause's parameter; that of a choice has no interval."""
     unit = "" if effect.unit == "–" else f" {effect.unit}"
     size = f"{parameter.meaning}: {effect.mean:.3g}{unit}"
     if isinstance(parameter.law, Choice):
         return size
     return f"{size}, 90 % interval {effect.q05:.3g} to {effect.q95:.3g}"
-
-
-def _rival(judgement: Judgement) -> _Rival | None:
-    """Return the best replacement for a named cause, and its deficit in evidence."""
-    rivals = [
-        _Rival(name, one.cause, gap)
-        for one in judgement.supported
-        if one.cause in judgement.decision.causes
-        for name, gap in one.rivals.items()
-    ]
-    return min(rivals, key=lambda rival: rival.gap, default=None)
-
-
-def _known(judgement: Judgement, name: str) -> Cause:
-    """Return a cause by name: one that was tried, or one of the catalogue."""
-    tried = (cause for cause in judgement.search.causes if cause.name == name)
-    return next(tried, None) or CATALOGUE[name]

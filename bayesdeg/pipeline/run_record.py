@@ -4,7 +4,7 @@ import json
 import multiprocessing
 import platform
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -54,20 +54,20 @@ def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> li
     if study.summary is None:
         return []
     values = fit.model.table.named(fit.chain.spread(2000))
+    expected = {} if counts is None else {one.degradation_pct: one for one in counts.levels[::-1]}
     rows: list[ComparisonEntry] = []
     for row in study.summary.to_dict("records"):
-        level = np.array([float(row["degradation_pct"])])
+        level, predicted = np.array([float(row["degradation_pct"])]), NOTHING
         if row["quantity"] == "young_modulus":
-            draws = fit.model.young_modulus(values, level)[:, 0]
+            predicted = _interval(fit.model.young_modulus(values, level)[:, 0])
         elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
-            draws = fit.model.elongation(values, level)[:, 0]
+            predicted = _interval(fit.model.elongation(values, level)[:, 0])
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
-            draws = values["volume_ratio"]
-        else:
-            draws = None
-        predicted = NOTHING if draws is None else _interval(draws)
-        if row["quantity"] == "ruptured_count":
-            predicted = _expected_ruptures(counts, level[0])
+            predicted = _interval(values["volume_ratio"])
+        elif row["quantity"] == "ruptured_count" and level[0] in expected:
+            ruptures = expected[level[0]].tested * expected[level[0]].probability
+            few = ruptures < FEWEST_RUPTURES
+            predicted = f"fewer than {FEWEST_RUPTURES:g}" if few else f"{ruptures:.2g}"
         unit = str(row["unit"]).replace("–", "")
         sd = "" if np.isnan(row["sd"]) else f" ± {row['sd']:g}"
         rows.append(
@@ -84,16 +84,6 @@ def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> li
 
 FEWEST_RUPTURES = 0.05
 """Expected ruptures below which only a bound is shown: fewer than one in twenty such studies."""
-
-
-def _expected_ruptures(counts: CountMisfit | None, degradation: float) -> str:
-    """Format the number of actuators of a level that the model expects to burst."""
-    levels = () if counts is None else counts.levels
-    found = [one.tested * one.probability for one in levels if one.degradation == degradation]
-    if not found:
-        return NOTHING
-    few = found[0] < FEWEST_RUPTURES
-    return f"fewer than {FEWEST_RUPTURES:g}" if few else f"{found[0]:.2g}"
 
 
 def _interval(draws: NDArray[np.float64]) -> str:
@@ -145,18 +135,14 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
         used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
         used |= set() if model.published is None else {"r_squared"}
         held = {"ruptured_count", "tested_count"} - used if can_be_counted(model) else set()
-        for use in USES:
-            named = {str(q) for q in study.summary["quantity"] if _use(q, used, held) == use}
-            if named:
-                yield Basis("summary.csv", quantities=tuple(sorted(named)), use=use)
+        named = {str(quantity) for quantity in study.summary["quantity"]}
+        parts = (named & used, named & held, named - used - held)
+        for use, quantities in zip(USES, parts, strict=True):
+            if quantities:
+                yield Basis("summary.csv", quantities=tuple(sorted(quantities)), use=use)
 
 
 USES = ("fitted", "held against the model", "shown")
-
-
-def _use(quantity: str, fitted: set[str], held: set[str]) -> str:
-    """Return how a published statistic is used."""
-    return USES[0] if quantity in fitted else USES[1] if quantity in held else USES[2]
 
 
 def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
@@ -198,12 +184,6 @@ def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
     return model_document(base, study).model_copy(update={"rupture_checks": tested})
 
 
-def _model_of(results: Results, study: Study) -> ModelEntry:
-    found = model_of(results.base.model, results.final.model, study)
-    members = () if results.averaged is None else results.averaged.members
-    return found.model_copy(update={"averaged": members})
-
-
 # share of refused proposals above which the posterior may be truncated
 WORRYING = 0.01
 LOOKED_AT = 1000  # posterior draws
@@ -231,12 +211,18 @@ def run_document(
     own = results.assembly.own
     expected = results.counts_expected
     compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, expected)
+    degrades = own is not None or study.degrades
+    model: ModelEntry | None = None
+    if own is None:
+        members = () if results.averaged is None else results.averaged.members
+        found = model_of(results.base.model, results.final.model, study)
+        model = found.model_copy(update={"averaged": members})
     return RunRecord(
         title=settings.title or study.name,
         study=study.name,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         virtual=settings.virtual,
-        degrades=own is not None or study.degrades,
+        degrades=degrades,
         note=settings.note,
         seed=settings.seed,
         effort=settings.effort,
@@ -248,9 +234,17 @@ def run_document(
         counts=draw_counts(results) | _proposal_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
         rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
-        convergence=_convergence(results, degrades=own is not None or study.degrades),
+        convergence={
+            label: ConvergenceEntry(
+                r_hat_max=max(fit.diagnosis.r_hat),
+                ess_min=min(fit.diagnosis.ess_bulk),
+                sentence=worded(fit.diagnosis, degrades=degrades),
+                usable=bool(fit.diagnosis.usable),
+            )
+            for label, fit in results.sampled.items()
+        },
         emulator=emulator_entry(results, guard),
-        model=None if own else _model_of(results, study),
+        model=model,
         forward=own.source if own else "",
         forward_map=doubted.forward_map,
         misfit=StatisticEntry(
@@ -318,18 +312,6 @@ def _outside(fit: Fit) -> float:
     return share_outside(fit.model, fit.chain.spread(LOOKED_AT))
 
 
-def _convergence(results: Results, *, degrades: bool) -> dict[str, ConvergenceEntry]:
-    return {
-        label: ConvergenceEntry(
-            r_hat_max=max(fit.diagnosis.r_hat),
-            ess_min=min(fit.diagnosis.ess_bulk),
-            sentence=worded(fit.diagnosis, degrades=degrades),
-            usable=bool(fit.diagnosis.usable),
-        )
-        for label, fit in results.sampled.items()
-    }
-
-
 def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
     """Return the emulator's entry, with what it refuses of a posterior and its sampling."""
     forward = emulated(results)
@@ -340,25 +322,17 @@ def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
     refused = {}
     if results.final.model.actuator is not None:
         refused = guard.attempt(OptionalStage.REFUSED, refused_inputs, results.final) or {}
-    words = (
-        refusal_words(refusals),
-        outside_words(_outside(results.final)),
-        _refused_words(refused),
-    )
+    words = [refusal_words(refusals), outside_words(_outside(results.final))]
+    if refused:
+        listed = "; ".join(refused.values())
+        words.append(f"For new specimens in the same tests it refuses: {listed}.")
     return emulator_facts(forward.record).model_copy(
         update={
-            "refusals": " ".join(part for part in words if part),
+            "refusals": " ".join(filter(None, words)),
             "refused_inputs": refused,
             "training": json.loads(forward.record),
         }
     )
-
-
-def _refused_words(refused: dict[str, str]) -> str:
-    """Say which inputs of new specimens the emulator refuses."""
-    if not refused:
-        return ""
-    return f"For new specimens in the same tests it refuses: {'; '.join(refused.values())}."
 
 
 def emulator_facts(record: str) -> EmulatorEntry:
@@ -391,12 +365,9 @@ def emulator_facts(record: str) -> EmulatorEntry:
     facts = EmulatorEntry.read({name: trained.get(name) for name in FACTS} | {"accuracy": entries})
     rms = by_quantity.get("curvature", {}).get("rms_pct")
     error = None if rms is None else float(np.hypot(rms, facts.mesh_error_pct or 0.0))
-    return facts.model_copy(update={"error_pct": error, "record": _sentence(facts, rms, trained)})
-
-
-def _sentence(facts: EmulatorEntry, rms: float | None, trained: Mapping[str, object]) -> str:
     refined = trained.get("refinement")
-    return sentences("run", "trained", facts=facts, rms=rms, refined=refined)
+    said = sentences("run", "trained", facts=facts, rms=rms, refined=refined)
+    return facts.model_copy(update={"error_pct": error, "record": said})
 
 
 def outside_words(share: float) -> str:
@@ -487,41 +458,31 @@ def vendor_check(study: Study, model: JointModel, vectors: Floats) -> VendorChec
     """
     if study.settings.forward is not None:
         return None
-    found = tuple(_figures(study, model, vectors))
-    return VendorCheck(found, study.settings.vendor.source) if found else None
-
-
-def _figures(study: Study, model: JointModel, vectors: Floats) -> Iterator[VendorFigure]:
-    vendor = study.settings.vendor
+    vendor, found = study.settings.vendor, list[VendorFigure]()
     values = model.table.named(vectors)
     if vendor.modulus_100 is not None:
         draws = modulus_100(values, model.constants(values, FRESH), model.causes)[:, 0]
-        yield _beside("modulus_100", "kPa", vendor.modulus_100, "datum", draws / MPA)
+        found.append(_beside("modulus_100", "kPa", vendor.modulus_100, "datum", draws / MPA))
     if vendor.elongation_at_break is not None:
-        known = model.has_elongation
-        draws = model.elongation(values, FRESH)[:, 0] if known else np.empty(0)
-        use = _use_of_elongation(study, model)
-        yield _beside("elongation_at_break", "%", vendor.elongation_at_break, use, draws)
-
-
-def _use_of_elongation(study: Study, model: JointModel) -> str:
-    """Return how a vendor's elongation at break is used."""
-    if not model.has_elongation:
-        return "there is no actuator that could burst"
-    measured = model.breaks is not None or any(
-        one.quantity == "elongation_at_break" for one in model.statistics
-    )
-    if measured:
-        return "the study has its own elongations"
-    stated = node_name("elongation", 0.0) in study.settings.priors
-    return "the study states a prior" if stated else "prior"
+        draws = model.elongation(values, FRESH)[:, 0] if model.has_elongation else np.empty(0)
+        if not model.has_elongation:
+            use = "there is no actuator that could burst"
+        elif model.breaks is not None or any(
+            one.quantity == "elongation_at_break" for one in model.statistics
+        ):
+            use = "the study has its own elongations"
+        elif node_name("elongation", 0.0) in study.settings.priors:
+            use = "the study states a prior"
+        else:
+            use = "prior"
+        found.append(_beside("elongation_at_break", "%", vendor.elongation_at_break, use, draws))
+    return VendorCheck(tuple(found), vendor.source) if found else None
 
 
 def _beside(quantity: str, unit: str, stated: Known, use: str, draws: Floats) -> VendorFigure:
-    figure = VendorFigure(quantity, unit, stated.value, stated.sd, use)
-    if not len(draws):
-        return figure
-    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95]).tolist()
+    """Return a figure with the posterior of the same quantity, if that has any."""
+    known = np.quantile(draws, [0.05, 0.5, 0.95]).tolist() if len(draws) else [None, None, None]
+    low, middle, high = known
     return VendorFigure(quantity, unit, stated.value, stated.sd, use, middle, low, high)
 
 

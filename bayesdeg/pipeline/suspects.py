@@ -68,7 +68,11 @@ def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | Non
     if not isinstance(model.world, FilmsAndActuators) or model.actuator is None:
         return assembly
     whole, beyond = assembly.whole or study, assembly.beyond
-    seen = _doubted(study)
+    seen = tuple(
+        Exclusion(None, FILES[fault.file], (str(fault.specimen),), ())
+        for fault in in_another_unit(study)
+        if fault.file in FILES
+    )
     if seen:
         rest = set_aside(study, seen)
         found = without_suspects(rest, assemble(rest, forward), forward)
@@ -92,16 +96,11 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
     def refit(found: Sequence[Suspect]) -> Floats | None:
         return _mode_of(set_aside(study, asides(model, found)), forward, model, mode)
 
-    return find_suspects(model, mode, refit, _batches(study))
-
-
-def _doubted(study: Study) -> tuple[Exclusion, ...]:
-    """Return single specimens with values many times those of the others: a different unit."""
-    return tuple(
-        Exclusion(None, FILES[fault.file], (str(fault.specimen),), ())
-        for fault in in_another_unit(study)
-        if fault.file in FILES
-    )
+    batches: dict[str, tuple[str, ...]] = {}
+    for table in (study.actuator, study.tensile):
+        for name, batch in recorded_batches(table).items():
+            batches[batch] = (*batches.get(batch, ()), name)
+    return find_suspects(model, mode, refit, batches.values())
 
 
 def _mode_of(
@@ -120,12 +119,3 @@ def _mode_of(
     found = {name: value[0] for name, value in model.table.named(climbed[None]).items()}
     mode = whole.table.vectors({n: np.array(found.get(n, values[n])) for n in whole.table.names})
     return np.asarray(mode) if np.all(np.isfinite(mode)) else None
-
-
-def _batches(study: Study) -> list[tuple[str, ...]]:
-    """Return the specimens of each batch, if a table records batches."""
-    found: dict[str, tuple[str, ...]] = {}
-    for table in (study.actuator, study.tensile):
-        for name, batch in recorded_batches(table).items():
-            found[batch] = (*found.get(batch, ()), name)
-    return list(found.values())

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.checks import statistics as residual_statistics
-from bayesdeg.criticism.checks.absorption import NO_INTERVAL, Absorption, Displacement
+from bayesdeg.criticism.checks.known_terms import KnownTerm
 from bayesdeg.criticism.checks.residuals import (
     CurvatureFit,
     level_table,
     misfit_frame,
     predict_readings,
 )
+from bayesdeg.criticism.decide.candidates import FULL_FIT, SCREENING
 from bayesdeg.criticism.decide.verdict import Uncalibrated
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout import gain
@@ -39,7 +40,6 @@ from bayesdeg.material.strength import draw_scores
 from bayesdeg.observations.curvature import ActuatorCurves
 from bayesdeg.observations.means import statistics
 from bayesdeg.observations.tensile import (
-    TensileCurves,
     film_readings,
     stress_variance,
     tensile_curves,
@@ -52,9 +52,8 @@ from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
 from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.forecast import model_document
-from bayesdeg.pipeline.judge import Description, Judgement
+from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
-from bayesdeg.pipeline.missing import columns_table, readings_table, terms_table
 from bayesdeg.pipeline.pictures import Picture, lines_on, paper_groups, pictures_of, write_pictures
 from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.progress import Silent
@@ -92,6 +91,7 @@ from bayesdeg.report.wording import sentences, worded
 Floats = NDArray[np.float64]
 
 FIVE = (0.05, 0.25, 0.5, 0.75, 0.95)
+QUANTILES = ("q05", "q25", "q50", "q75", "q95")
 FITTED_DRAWS = 2000
 
 
@@ -153,15 +153,46 @@ def fitted(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame
 
 
 def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame:
-    """Return every reading of stress, fitted or held out, with its posterior prediction."""
+    """Return every reading of stress, fitted or held out, with its posterior prediction.
+
+    In nominal stress, whatever stress was recorded.
+    """
     frames = []
     values = draw_values(fit.model, fit.chain, generator, 400)
     for fitted in (True, False):
         curves = tensile_curves(study, fitted=fitted)
-        if curves is not None:
-            frames.append(
-                _tensile(curves, fit.model, values, generator, label=label, fitted=fitted)
+        if curves is None:
+            continue
+        median = fit.model.stresses(values, curves)
+        scatter = np.stack(
+            np.broadcast_arrays(values["stiffness_scatter"][:, None], curves.degradation_sd),
+            axis=-1,
+        )
+        deviation = scatter * generator.standard_normal(scatter.shape)
+        drawn, _ = film_readings(median, deviation)
+        noise = np.sqrt(stress_variance(values, drawn))
+        readings = drawn + noise * generator.standard_normal(drawn.shape)
+        low, high = np.quantile(readings, [0.05, 0.95], axis=0)
+        to_nominal = np.where(curves.cauchy, 1.0 / curves.stretch, 1.0)
+        mask, shape = curves.mask, curves.mask.shape
+        frames.append(
+            pd.DataFrame(
+                {
+                    "model": label,
+                    "specimen_id": np.broadcast_to(np.array(curves.specimens)[:, None], shape)[
+                        mask
+                    ],
+                    "mode": np.broadcast_to(np.array(curves.modes)[:, None], shape)[mask],
+                    "degradation_pct": np.broadcast_to(curves.degradation[:, None], shape)[mask],
+                    "stretch": curves.stretch[mask],
+                    "stress_MPa": (curves.stress * to_nominal)[mask],
+                    "fitted": int(fitted),
+                    "mean_MPa": (median.at_rest.mean(axis=0) * to_nominal)[mask],
+                    "q05_MPa": (low * to_nominal)[mask],
+                    "q95_MPa": (high * to_nominal)[mask],
+                }
             )
+        )
     return pd.concat(frames, ignore_index=True)
 
 
@@ -178,44 +209,6 @@ def held_out_modes(table: pd.DataFrame) -> str:
     return " ".join(said)
 
 
-def _tensile(
-    curves: TensileCurves,
-    model: JointModel,
-    values: dict[str, Floats],
-    generator: np.random.Generator,
-    *,
-    label: str,
-    fitted: bool,
-) -> pd.DataFrame:
-    median = model.stresses(values, curves)
-    stress = median.at_rest
-    scatter = np.stack(
-        np.broadcast_arrays(values["stiffness_scatter"][:, None], curves.degradation_sd), axis=-1
-    )
-    deviation = scatter * generator.standard_normal(scatter.shape)
-    drawn, _ = film_readings(median, deviation)
-    noise = np.sqrt(stress_variance(values, drawn))
-    readings = drawn + noise * generator.standard_normal(drawn.shape)
-    low, high = np.quantile(readings, [0.05, 0.95], axis=0)
-    # the table is in nominal stress, whatever stress was recorded
-    to_nominal = np.where(curves.cauchy, 1.0 / curves.stretch, 1.0)
-    mask, shape = curves.mask, curves.mask.shape
-    return pd.DataFrame(
-        {
-            "model": label,
-            "specimen_id": np.broadcast_to(np.array(curves.specimens)[:, None], shape)[mask],
-            "mode": np.broadcast_to(np.array(curves.modes)[:, None], shape)[mask],
-            "degradation_pct": np.broadcast_to(curves.degradation[:, None], shape)[mask],
-            "stretch": curves.stretch[mask],
-            "stress_MPa": (curves.stress * to_nominal)[mask],
-            "fitted": int(fitted),
-            "mean_MPa": (stress.mean(axis=0) * to_nominal)[mask],
-            "q05_MPa": (low * to_nominal)[mask],
-            "q95_MPa": (high * to_nominal)[mask],
-        }
-    )
-
-
 def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFrame:
     """Return quantiles of the Yeoh constants and of Young's modulus against degradation."""
     grid = level_grid(fit.model)
@@ -226,7 +219,7 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     frames = [
         pd.DataFrame(
             {"model": label, "degradation_pct": grid, "constant": name, "unit": "MPa"}
-            | _quantiles(draws)
+            | dict(zip(QUANTILES, np.quantile(draws, FIVE, axis=0), strict=True))
         )
         for name, draws in named.items()
     ]
@@ -377,11 +370,6 @@ def _mass_loss(control: pd.DataFrame) -> list[dict[str, object]]:
             ("wet", found.wet, found.wet_se, ""),
         )
     ]
-
-
-def _quantiles(draws: Floats) -> dict[str, Floats]:
-    values = np.quantile(draws, FIVE, axis=0)
-    return {f"q{round(100 * q):02d}": values[i] for i, q in enumerate(FIVE)}
 
 
 @dataclass(frozen=True)
@@ -567,8 +555,12 @@ class TableSources:
     def readings(self) -> dict[str, CurvatureFit]:
         """Predictions at the curvature readings by model; empty if they failed."""
         fits = self.results.fits
-        found = self.guard.attempt(OptionalStage.READINGS, _predicted, fits, self.generator)
-        return found or {}
+
+        def predicted() -> dict[str, CurvatureFit]:
+            draw = self.generator
+            return {n: predict_readings(fit.model, fit.chain, draw) for n, fit in fits.items()}
+
+        return self.guard.attempt(OptionalStage.READINGS, predicted) or {}
 
     @property
     def soil(self) -> Soil | None:
@@ -638,7 +630,15 @@ def write_results(
         Whether to solve them at all.
     """
     guard, found = files.guard, TableSources(study, results, generator, files.guard)
-    _write_what_checks_say(files, found)
+    of_checks = {} if results.checks is None else results.checks.tables()
+    of_films = {} if results.films is None else results.films.tables(generator)
+    for name, compute in (of_checks | of_films).items():
+        files.table(name, compute)
+    if results.course is not None:
+        kept = EFFORTS[study.settings.effort].kept
+        files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
+    if results.averaged is not None:
+        files.tree(POSTERIOR_AVERAGED, partial(stored_form, results.averaged))
     frames = {name: files.table(name, partial(build, found)) for name, build in BUILDS.items()}
     if found.has_actuators and deformed:
         geometry = geometry_of_study(study.settings)
@@ -669,24 +669,6 @@ def write_posteriors(
         files.posterior(name, fit, generator, kept=kept)
 
 
-def _write_what_checks_say(files: Files, found: TableSources) -> None:
-    """Write the tables of checks and films, with the draws of the course."""
-    results, generator = found.results, found.generator
-    of_checks = {} if results.checks is None else results.checks.tables()
-    of_films = {} if results.films is None else results.films.tables(generator)
-    for name, compute in (of_checks | of_films).items():
-        files.table(name, compute)
-    if results.course is not None:
-        kept = EFFORTS[found.study.settings.effort].kept
-        files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
-    if results.averaged is not None:
-        files.tree(POSTERIOR_AVERAGED, partial(stored_form, results.averaged))
-
-
-def _predicted(fits: Mapping[str, Fit], generator: np.random.Generator) -> dict[str, CurvatureFit]:
-    return {label: predict_readings(fit.model, fit.chain, generator) for label, fit in fits.items()}
-
-
 def _statistics(found: TableSources) -> pd.DataFrame | None:
     if found.judgement is None:
         return None
@@ -697,11 +679,6 @@ def _statistics(found: TableSources) -> pd.DataFrame | None:
         found.guard.note(table_stage(columns.STATISTICS), why)
     table = residual_statistics.statistics_table(base.trial.linear, base.simulated, drawn)
     return residual_statistics.frame(table)
-
-
-def _discrepancies(steps: Mapping[str, Step]) -> pd.DataFrame | None:
-    misfits = [misfit_frame(s.trial.linear, s.misfit, name) for name, s in steps.items()]
-    return _joined(misfits) if misfits else None
 
 
 def _loo_pit(found: TableSources) -> pd.DataFrame | None:
@@ -730,53 +707,27 @@ def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-def _published_r_squared(study: Study) -> dict[float, float]:
-    if study.summary is None:
-        return {}
-    rows = study.summary[study.summary["quantity"] == "r_squared"]
-    return {
-        float(level): float(value)
-        for level, value in zip(rows["degradation_pct"], rows["value"], strict=True)
-    }
-
-
-def _constants_table(found: TableSources) -> pd.DataFrame | None:
-    if found.results.assembly.own is not None:
-        return None
-    fits = found.results.fits.items()
-    return _joined([constants(fit, label, found.generator) for label, fit in fits])
-
-
-def _parameters_table(found: TableSources) -> pd.DataFrame:
-    return _joined([parameters(fit, label) for label, fit in found.results.sampled.items()])
-
-
-def _tensile_table(found: TableSources) -> pd.DataFrame | None:
-    if found.study.tensile is None:
-        return None
-    fits = found.results.fits.items()
-    return _joined([tensile(found.study, fit, label, found.generator) for label, fit in fits])
-
-
-def _fitted_table(found: TableSources) -> pd.DataFrame | None:
-    fits = found.results.fits.items()
-    frames = [frame for label, fit in fits for frame in [fitted(fit, label, found.generator)]]
-    known = [frame for frame in frames if frame is not None]
+def _by_fit(
+    make: Callable[[TableSources, Fit, str], pd.DataFrame | None], found: TableSources
+) -> pd.DataFrame | None:
+    """Return a table of both calibrations; None if there is nothing of either."""
+    made = [make(found, fit, label) for label, fit in found.results.fits.items()]
+    known = [frame for frame in made if frame is not None]
     return _joined(known) if known else None
 
 
-def _bands_table(found: TableSources) -> pd.DataFrame | None:
-    return _on_grid(found, curvature_bands)
-
-
 def _rupture_table(found: TableSources) -> pd.DataFrame | None:
+    """Return the probability of rupture, without pressures beyond tests and forward map."""
     if not found.has_actuators:
         return None
     if "elongation_scatter" not in found.results.final.model.table.names:
         return columns.TABLES[columns.RUPTURE].empty()
     specimens = specimens_tested(found.results.final.model)
     table = _on_grid(found, partial(rupture_table, specimens=specimens), times=HIGHER)
-    return None if table is None else _where_known(table, _largest_pressure(found))
+    if table is None:
+        return None
+    tested = table["pressure_kPa"] <= _largest_pressure(found) + 1e-9
+    return table[tested | table["probability"].notna()].reset_index(drop=True)
 
 
 CRITERIA_DRAWS = 200
@@ -810,12 +761,6 @@ HIGHER = 4.0
 material are far from their limit below that."""
 STEP = 10.0  # kPa, largest step between pressures of tables
 STEPS = 10  # least number of steps to the largest tested pressure
-
-
-def _where_known(table: pd.DataFrame, tested: float) -> pd.DataFrame:
-    """Drop pressures beyond both the tests and the range of the forward map."""
-    kept = (table["pressure_kPa"] <= tested + 1e-9) | table["probability"].notna()
-    return table[kept].reset_index(drop=True)
 
 
 def _largest_pressure(found: TableSources) -> float:
@@ -872,7 +817,12 @@ def _observations_table(found: TableSources) -> pd.DataFrame | None:
 def _levels_table(found: TableSources) -> pd.DataFrame | None:
     if not found.has_actuators or not found.readings:
         return None
-    fits, published = found.results.fits, _published_r_squared(found.study)
+    summary, published = found.study.summary, dict[float, float]()
+    if summary is not None:
+        rows = summary[summary["quantity"] == "r_squared"]
+        known = zip(rows["degradation_pct"], rows["value"], strict=True)
+        published = {float(level): float(value) for level, value in known}
+    fits = found.results.fits
     return _joined(
         [
             level_table(fits[n].model, r, published).assign(model=n)
@@ -881,89 +831,56 @@ def _levels_table(found: TableSources) -> pd.DataFrame | None:
     )
 
 
-def _gain_table(found: TableSources) -> pd.DataFrame | None:
+def _judged(
+    make: Callable[[Judgement], pd.DataFrame | None], found: TableSources
+) -> pd.DataFrame | None:
+    """Return a table of the judgement; None if nothing was judged."""
+    return None if found.judgement is None else make(found.judgement)
+
+
+def _gain(judgement: Judgement) -> pd.DataFrame | None:
     """Return the scores of held-out specimens."""
-    judgement = found.judgement
-    if judgement is None or not judgement.held_out:
-        return None
-    return gain_table(judgement.search.base.subject, judgement.held_out)
+    held_out = judgement.held_out
+    return gain_table(judgement.search.base.subject, held_out) if held_out else None
 
 
-def _gain_modes_table(found: TableSources) -> pd.DataFrame | None:
+def _gain_modes(judgement: Judgement) -> pd.DataFrame | None:
     """Return the scores of held-out modes of tension."""
-    judgement = found.judgement
-    if judgement is None or not judgement.held_out:
-        return None
-    subject = judgement.search.base.subject
-    whole = subject.holds_out_modes
-    return mode_table(subject, judgement.held_out) if whole else None
+    subject, held_out = judgement.search.base.subject, judgement.held_out
+    return mode_table(subject, held_out) if held_out and subject.holds_out_modes else None
 
 
-def _gain_levels_table(found: TableSources) -> pd.DataFrame | None:
+def _gain_levels(judgement: Judgement) -> pd.DataFrame | None:
     """Return the scores of held-out degradation rates."""
-    judgement = found.judgement
-    if judgement is None or not judgement.levels_out:
-        return None
-    return gain_table(judgement.search.base.subject, judgement.levels_out)
+    held_out = judgement.levels_out
+    return gain_table(judgement.search.base.subject, held_out) if held_out else None
 
 
-def _null_table(found: TableSources) -> pd.DataFrame | None:
-    if found.judgement is None:
-        return None
-    null = found.judgement.misfit.null
+def _null(judgement: Judgement) -> pd.DataFrame:
+    null = judgement.misfit.null
     return pd.DataFrame({"statistic": null, "replicate": np.arange(len(null))})
 
 
-def _absorption_table(found: TableSources) -> pd.DataFrame | None:
+def _absorption(judgement: Judgement) -> pd.DataFrame | None:
     """Return every parameter of the base model and its value from all other information."""
-    absorbed = None if found.judgement is None else found.judgement.absorbed
-    if absorbed is None:
-        return None
-    return pd.DataFrame([_absorption_row(absorbed, one) for one in absorbed.displacements])
+    found = judgement.absorbed
+    return None if found is None else columns.TABLES[columns.ABSORPTION].rows(found.displacements)
 
 
-def _absorption_row(absorbed: Absorption, one: Displacement) -> dict[str, object]:
-    after, direct = absorbed.returned(one), one.measured
-    pushes = absorbed.pushed_by(one) if one.is_in_question else ()
-    row: dict[str, object] = {
-        "parameter": one.parameter.name,
-        "unit": one.parameter.unit,
-        "meaning": one.parameter.meaning,
-        "measured": np.nan if direct is None else direct.value,
-        "measured_se": np.nan if direct is None else direct.se,
-        "measured_source": "" if direct is None else direct.source,
-        "moved_sd": one.moved,
-        "learned": one.learned,
-        "score_sd": one.score,
-        "p_value": one.p_value,
-        "p_adjusted": one.adjusted,
-        "in_question": int(one.is_in_question),
-        "pushed_by": " or ".join("+".join(push.causes) for push in pushes),
-        "pushed_share": pushes[0].share(one) if pushes else np.nan,
-        "after_moved_sd": np.nan if after is None else after.moved,
-    }
-    intervals = {"prior": one.prior, "all_else": one.all_else, "base": one.posterior}
-    intervals["after"] = NO_INTERVAL if after is None else after.posterior
-    for name, ends in intervals.items():
-        row |= {f"{name}_q05": ends.low, f"{name}_q50": ends.median, f"{name}_q95": ends.high}
-    return row
-
-
-def _pushes_table(found: TableSources) -> pd.DataFrame | None:
+def _pushes(judgement: Judgement) -> pd.DataFrame | None:
     """Return how each cause would push each judged parameter."""
-    absorbed = None if found.judgement is None else found.judgement.absorbed
+    absorbed = judgement.absorbed
     if absorbed is None:
         return None
     rows = [
         {
-            "parameter": one.parameter.name,
+            "parameter": one.parameter,
             "causes": "+".join(push.causes),
             "log_bayes_factor": push.log_bayes_factor,
-            "shift_sd": push.shifts[one.parameter.name],
+            "shift_sd": push.shifts[one.parameter],
             "share": push.share(one),
         }
-        for one in absorbed.displacements
-        if one.is_judged
+        for one in absorbed.judged
         for push in absorbed.pushes
     ]
     return pd.DataFrame(rows) if rows else None
@@ -995,9 +912,9 @@ def _suspects_table(found: TableSources) -> pd.DataFrame | None:
 FARTHEST = 600.0  # difference of evidences [nats] beyond which odds overflow
 
 
-def _sets_table(found: TableSources) -> pd.DataFrame | None:
+def _sets(judgement: Judgement) -> pd.DataFrame | None:
     """Return the sets of causes that may be right, and the combinations that the data exclude."""
-    stated = None if found.judgement is None else found.judgement.stated
+    stated = judgement.stated
     if stated is None or not stated.members:
         return None
     rows = [
@@ -1007,7 +924,7 @@ def _sets_table(found: TableSources) -> pd.DataFrame | None:
             "log_bayes_factor": max(one.log_bayes_factor, -FARTHEST),
             "behind": min(one.behind, FARTHEST),
             "odds": float(np.exp(min(one.behind, FARTHEST))),
-            "judged_by": "full fit" if one.fitted else "screening",
+            "judged_by": FULL_FIT if one.fitted else SCREENING,
         }
         for word, sets in (("may be right", stated.members), ("excluded", stated.excluded))
         for one in sets
@@ -1015,12 +932,82 @@ def _sets_table(found: TableSources) -> pd.DataFrame | None:
     return pd.DataFrame(rows)
 
 
-def _of_missing(
-    make: Callable[[Description], pd.DataFrame | None], found: TableSources
-) -> pd.DataFrame | None:
-    """Return a table describing a misfit that no cause accounts for."""
-    known = None if found.judgement is None else found.judgement.missing
-    return None if known is None else make(known)
+def _missing_terms(judgement: Judgement) -> pd.DataFrame | None:
+    """Return the terms that would remove a misfit, and those that fit as well; None without any."""
+    described, rows = judgement.missing, list[dict[str, object]]()
+    for step, one in enumerate(() if described is None else described.found.terms, 1):
+        taken: dict[str, object] = {
+            "status": "taken",
+            "size": one.size,
+            "q05": one.low,
+            "q95": one.high,
+            "behind": 0.0,
+            "share": one.share,
+            "p_value": one.p_value,
+            "elpd_diff": np.nan if one.held_out is None else one.held_out,
+            "elpd_diff_se": np.nan if one.held_out_se is None else one.held_out_se,
+        }
+        alike: list[tuple[KnownTerm, dict[str, object]]] = [
+            (other.term, {"status": "fits as well", "size": other.size, "behind": other.behind})
+            for other in one.alike
+        ]
+        rows += [
+            {
+                "step": step,
+                "formula": term.formula,
+                "columns": ", ".join(term.columns),
+                "unit": term.unit,
+            }
+            | facts
+            for term, facts in ((one.term, taken), *alike)
+        ]
+    return pd.DataFrame(rows) if rows else None
+
+
+def _misfit_columns(judgement: Judgement) -> pd.DataFrame | None:
+    """Return the share of the misfit of every level of every column; None without any."""
+    rows = [
+        {
+            "column": one.column,
+            "column_share": one.share_of_misfit,
+            "level": level.level,
+            "readings": level.readings,
+            "share": level.share_of_misfit,
+            "kind": one.kind,
+            "unit": one.unit,
+            "excess": level.excess,
+            "excess_pct": level.excess_pct,
+        }
+        for one in (() if judgement.missing is None else judgement.missing.columns)
+        for level in one.levels
+    ]
+    return pd.DataFrame(rows) if rows else None
+
+
+def _term_readings(judgement: Judgement) -> pd.DataFrame | None:
+    """Return the effect of the terms on each reading, and the residual; None without any.
+
+    As for a smooth discrepancy (`criticism.checks.residuals.misfit_frame`), the residual is from a
+    joint fit of terms and parameters.
+    """
+    described = judgement.missing
+    if described is None or not described.found.terms:
+        return None
+    linear = described.step.trial.linear
+    places = linear.subject.places
+    change = np.sum([one.change for one in described.found.terms], axis=0)
+    left = linear.observed - linear.whiten_columns(change[:, None])[:, 0]
+    return pd.DataFrame(
+        {
+            "kind": places.kind,
+            "history": places.history,
+            "specimen_id": places.specimen,
+            "degradation_pct": places.level,
+            "along": places.along,
+            "term": change,
+            "residual": change + linear.unexplained(left),
+        }
+    )
 
 
 def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
@@ -1038,11 +1025,6 @@ def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
     return shown[np.isin(member, member[out])]
 
 
-def _traces_table(found: TableSources) -> pd.DataFrame | None:
-    """Return the trace of each photograph, or why it was refused."""
-    return trace_rows(found.study.photographs) if found.study.photographs else None
-
-
 def _photo_lines_table(found: TableSources) -> pd.DataFrame | None:
     """Return measured and predicted lines on the photographs that the report shows."""
     if not found.study.photographs:
@@ -1055,39 +1037,55 @@ def _photo_lines_table(found: TableSources) -> pd.DataFrame | None:
 #: Functions that build each table, in the order in which they draw random numbers; None if there is
 #: nothing to tell. Those of checks and films are theirs.
 BUILDS: Mapping[str, Build] = {
-    columns.CONSTANTS: _constants_table,
-    columns.PARAMETERS: _parameters_table,
-    columns.TENSILE: _tensile_table,
+    columns.CONSTANTS: lambda found: (
+        None
+        if found.results.assembly.own is not None
+        else _by_fit(lambda of, fit, label: constants(fit, label, of.generator), found)
+    ),
+    columns.PARAMETERS: lambda found: _joined(
+        [parameters(fit, label) for label, fit in found.results.sampled.items()]
+    ),
+    columns.TENSILE: lambda found: (
+        None
+        if found.study.tensile is None
+        else _by_fit(lambda of, fit, label: tensile(of.study, fit, label, of.generator), found)
+    ),
     columns.ELONGATION: lambda found: elongation(found.results.final, found.generator),
     columns.MEASURED: lambda found: (
         None if found.results.assembly.own is not None else measured(found.study)
     ),
-    columns.BANDS: _bands_table,
+    columns.BANDS: lambda found: _on_grid(found, curvature_bands),
     columns.RUPTURE: _rupture_table,
     columns.OBSERVATIONS: _observations_table,
     columns.LEVELS: _levels_table,
     columns.DECISIONS: lambda found: (
         decisions(found.results.fits, found.generator, found.study) if found.has_actuators else None
     ),
-    columns.GAIN: _gain_table,
-    columns.GAIN_MODES: _gain_modes_table,
-    columns.GAIN_LEVELS: _gain_levels_table,
+    columns.GAIN: partial(_judged, _gain),
+    columns.GAIN_MODES: partial(_judged, _gain_modes),
+    columns.GAIN_LEVELS: partial(_judged, _gain_levels),
     columns.STATISTICS: _statistics,
-    columns.DISCREPANCY: lambda found: _discrepancies(found.steps),
+    columns.DISCREPANCY: lambda found: (
+        _joined([misfit_frame(s.trial.linear, s.misfit, n) for n, s in found.steps.items()])
+        if found.steps
+        else None
+    ),
     columns.LOO_PIT: _loo_pit,
-    columns.MISFIT_NULL: _null_table,
-    columns.ABSORPTION: _absorption_table,
-    columns.PUSHES: _pushes_table,
-    columns.SETS: _sets_table,
-    columns.FITTED: _fitted_table,
+    columns.MISFIT_NULL: partial(_judged, _null),
+    columns.ABSORPTION: partial(_judged, _absorption),
+    columns.PUSHES: partial(_judged, _pushes),
+    columns.SETS: partial(_judged, _sets),
+    columns.FITTED: partial(_by_fit, lambda of, fit, label: fitted(fit, label, of.generator)),
     columns.LIFETIME: lambda found: life(found),  # looked up when it is built
     columns.SHARES: _shares_table,
     columns.CRITERIA: _criteria_table,
     columns.SUSPECTS: _suspects_table,
     columns.SET_ASIDE: _set_aside_table,
-    columns.TRACES: _traces_table,
+    columns.TRACES: lambda found: (
+        trace_rows(found.study.photographs) if found.study.photographs else None
+    ),
     columns.PHOTO_LINES: _photo_lines_table,
-    columns.MISSING_TERMS: partial(_of_missing, terms_table),
-    columns.MISFIT_COLUMNS: partial(_of_missing, columns_table),
-    columns.TERM_READINGS: partial(_of_missing, readings_table),
+    columns.MISSING_TERMS: partial(_judged, _missing_terms),
+    columns.MISFIT_COLUMNS: partial(_judged, _misfit_columns),
+    columns.TERM_READINGS: partial(_judged, _term_readings),
 }

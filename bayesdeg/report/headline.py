@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import pandas as pd
 
 from bayesdeg.causes.catalogue import CATALOGUE
+from bayesdeg.criticism.findings import Candidate
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
-from bayesdeg.report.record import CandidateEntry, ForwardMapEntry, VerdictRecord
+from bayesdeg.report.record import ForwardMapEntry, VerdictRecord
 from bayesdeg.report.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.report.wording import (
     NOTHING,
@@ -203,7 +204,7 @@ def _directed(verdict: VerdictRecord) -> float | None:
     return max(found, default=None)
 
 
-def _best(verdict: VerdictRecord) -> CandidateEntry | None:
+def _best(verdict: VerdictRecord) -> Candidate | None:
     """Return the candidate that explains most; None if none was tried."""
     tried = [entry for entry in verdict.candidates if entry.explained_fraction is not None]
     return max(tried, key=lambda entry: entry.explained_fraction or 0.0, default=None)

@@ -10,12 +10,13 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from bayesdeg.criticism.findings import Candidate
 from bayesdeg.report import figures, wording
 from bayesdeg.report.drawing import Drawing, PageFigure, Shown
 from bayesdeg.report.folder import RUN, VERDICT, RunFolder
 from bayesdeg.report.headline import Headline, doubts_of, headline_of, sets_of
 from bayesdeg.report.left_out import FIGURE, Guard, OptionalStage, figure_stage
-from bayesdeg.report.record import CandidateEntry, RunRecord, VerdictRecord
+from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.summaries import (
     DecisionPair,
     GainParts,
@@ -82,8 +83,8 @@ class Content:
     run: RunRecord
     headline: Headline
     drawings: dict[str, Drawing]
-    judged: list[CandidateEntry]
-    not_judged: list[CandidateEntry]
+    judged: list[Candidate]
+    not_judged: list[Candidate]
     levels: list[LevelRow]
     gain: list[Row]
     gain_by_level: list[Row]
@@ -105,7 +106,7 @@ class Content:
     criteria: list[Row]
     criteria_influence: str
     lookalikes: list[str]
-    sized: list[CandidateEntry]
+    sized: list[Candidate]
     meanings: defaultdict[str, str]
     gain_parts: GainParts | None
     files: tuple[str, ...]

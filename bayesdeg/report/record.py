@@ -6,6 +6,17 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
+from bayesdeg.criticism.findings import (
+    Candidate,
+    Concentration,
+    Conflict,
+    DescriptionEntry,
+    Displacement,
+    ExperimentEntry,
+    Questioned,
+    RuptureCountsEntry,
+    RuptureMisfit,
+)
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.settings import CALIBRATED_LAWS, RUPTURE_CRITERIA
 from bayesdeg.records import (
@@ -22,75 +33,34 @@ from bayesdeg.records import (
     SeedNumber,
     Text,
     Texts,
+    entry,
     is_absent,
 )
-
-
-class EffectEntry(Record):
-    """Posterior of one parameter of a cause, in `unit`."""
-
-    mean: Number = None
-    sd: Number = None
-    q05: Number = None
-    q95: Number = None
-    unit: Text = ""
-
-
-class CandidateEntry(Record):
-    """One candidate cause; if it could not be judged, `probability` is None and `why` says why."""
-
-    cause: Text = ""
-    probability: Number = Field(default=None, description="null if the cause cannot be judged")
-    log_bayes_factor: Number = Field(default=None, description="[nats]")
-    log_bayes_factor_error: Number = Field(default=None, description="Monte Carlo error [nats]")
-    elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
-    elpd_diff_se: Number = None
-    explained_fraction: Number = Field(default=None, description="of the misfit beyond chance")
-    effect: Mapping[str, EffectEntry] = Field(default={}, description="by parameter of the cause")
-    mechanism: Text = ""
-    naming_p_value: Number = Field(
-        default=None,
-        exclude_if=is_absent,
-        description="share of data simulated without the cause that favour the best cause as much",
-    )
-    why: Text = Field(default="", exclude_if=is_absent, description="why it cannot be judged")
-    judged_by: Text = Field(default="", exclude_if=is_absent, description="full fit or screening")
-
-
-class ConcentrationEntry(Record):
-    """The branch, cycle, hold or few specimens with most of the misfit."""
-
-    kind: Text = ""
-    members: Names = ()
-    excess_pct: tuple[Number, ...] = ()
-    share_of_misfit: Number = None
-    share_of_readings: Number = None
-    p_value: Number = None
 
 
 class MisfitEntry(Record):
     """Misfit of the base model and the noise; None where there is nothing to judge."""
 
-    rms_per_m: Number = Field(default=None, description="of curvature [1/m]")
-    noise_per_m: Number = Field(default=None, description="of curvature [1/m]")
-    p_value: Number = None
-    replicates: Number = Field(default=None, description="simulated data sets behind p_value")
-    where: Text = ""
-    concentrated: ConcentrationEntry | None = None
-    rms_MPa: Number = Field(  # noqa: N815  a unit
-        default=None, exclude_if=is_absent, description="of stress [MPa]"
+    rms_per_m: Number = entry("root mean square residual of the base model's curvatures [1/m]")
+    noise_per_m: Number = entry("expected from noise and scatter [1/m]")
+    p_value: Number = entry(
+        "share of data sets simulated from the base model whose misfit is as large"
     )
-    noise_MPa: Number = Field(  # noqa: N815  a unit
-        default=None, exclude_if=is_absent, description="of stress [MPa]"
+    replicates: Number = entry("simulated data sets behind that share")
+    where: Text = entry("pressures, degradation rates and specimens at which readings depart", "")
+    concentrated: Concentration | None = entry(
+        "the branch, cycle, hold or few specimens with most of the misfit; null if none"
     )
-    rms: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
-    noise: Number = Field(default=None, exclude_if=is_absent, description="of `kind`, in `unit`")
-    kind: Text = Field(
-        default="",
-        exclude_if=is_absent,
-        description="kind of reading, if neither curvature nor stress",
+    rms_MPa: Number = entry(  # noqa: N815  a unit
+        "the same of stresses, where there are no curvatures [MPa]", omitted=is_absent
     )
-    unit: Text = Field(default="", exclude_if=is_absent, description="of `kind`")
+    noise_MPa: Number = entry(  # noqa: N815  a unit
+        "expected from noise and scatter [MPa]", omitted=is_absent
+    )
+    rms: Number = entry("the same of `kind`, in `unit`", omitted=is_absent)
+    noise: Number = entry("expected from noise and scatter, in `unit`", omitted=is_absent)
+    kind: Text = entry("kind of reading, if neither curvature nor stress", "", omitted=is_absent)
+    unit: Text = entry("unit of `kind`", "", omitted=is_absent)
 
     @property
     def sizes(self) -> tuple[float | None, float | None, str, str]:
@@ -108,252 +78,79 @@ class MisfitEntry(Record):
         return () if found is None or found.kind != "specimen" else found.members
 
 
-class PairEntry(Record):
-    """How well an experiment is expected to separate two causes."""
-
-    causes: Names = ()
-    expected_log_bayes_factor: Number = None
-
-
-class ExperimentEntry(Record):
-    """A proposed experiment, the causes it would separate, and its cost."""
-
-    design: Text = ""
-    separates: Names = ()
-    expected_log_bayes_factor: Number = Field(default=None, description="[nats]")
-    monte_carlo_error: Number = Field(default=None, exclude_if=is_absent)
-    specimens: Number = Field(default=None, exclude_if=is_absent)
-    readings: Number = Field(default=None, exclude_if=is_absent)
-    per_specimen: Number = Field(
-        default=None, exclude_if=is_absent, description="log Bayes factor a specimen [nats]"
-    )
-    pairs: tuple[PairEntry, ...] = ()
-
-
 class NamingEntry(Record):
     """The log Bayes factor required for naming, and the simulated data behind it."""
 
-    log_bayes_factor: Number = None
-    replicates: Number = None
-
-
-class RuptureEntry(Record):
-    """Observed ruptures and the number that the base model expects."""
-
-    burst: Number = None
-    expected: Number = None
-    deviance: Number = None
-    p_value: Number = None
-
-
-class CountedLevelEntry(Record):
-    """Actuators of one degradation rate that burst, and what the model expects."""
-
-    degradation_pct: Number = None
-    pressure_kPa: Number = Field(  # noqa: N815  a unit
-        default=None, description="up to which they were tested [kPa]"
-    )
-    tested: Number = None
-    ruptured: Number = None
-    probability: Number = Field(default=None, description="that one actuator bursts, not below 1/n")
-    probability_q05: Number = None
-    probability_q95: Number = None
-    count_probability: Number = Field(default=None, description="of as many ruptures")
-
-
-class CountedCauseEntry(Record):
-    """Evidence of rupture counts for one cause, or for an equal reduction of all limits."""
-
-    cause: Text = ""
-    log_bayes_factor: Number = Field(default=None, description="[nats]")
-    p_value: Number = Field(default=None, description="of the counts with this cause")
-
-
-class RuptureCountsEntry(Record):
-    """Probability of the rupture counts; none is stated below one in `draws`."""
-
-    source: Text = ""
-    levels: tuple[CountedLevelEntry, ...] = ()
-    probability: Number = Field(default=None, description="of exactly these counts, not below 1/n")
-    p_value: Number = Field(default=None, description="of counts no more probable than these")
-    draws: Number = Field(default=None, description="n, posterior draws")
-    contradicted: bool = Field(default=False, strict=True)
-    criteria: Numbers = Field(default={}, description="p-values by the other criteria of rupture")
-    explained_by: Names = Field(
-        default=(), description="a cause, or several that cannot be told apart"
-    )
-    tried: tuple[CountedCauseEntry, ...] = ()
-    sentence: Text = ""
-
-
-class ContradictionEntry(Record):
-    """The measured mean that the base model contradicts most."""
-
-    quantity: Text = ""
-    measured: Number = None
-    standard_error: Number = None
-    source: Text = ""
-    calibrated: Number = None
-    p_value: Number = None
+    log_bayes_factor: Number = entry("threshold that a cause has to pass to be named [nats]")
+    replicates: Number = entry("number of data sets simulated to find it")
 
 
 class SuspectEntry(Record):
     """A reading or specimen that its own columns or the other readings make unlikely."""
 
-    file: Text = ""
-    specimen: Text | None = None
-    column: Text | None = None
-    value: Scalar = None
-    why: Text = ""
-    specimens: Names = Field(default=(), exclude_if=not_, description="if several")
-    oddity: Text = Field(default="", exclude_if=is_absent, description="how it is odd")
-    size: Number = Field(default=None, exclude_if=is_absent)
-    score: Number = Field(
-        default=None,
-        exclude_if=is_absent,
-        description="standard deviations from what all others predict",
+    file: Text = entry("its file", "")
+    specimen: Text | None = entry("its specimen")
+    column: Text | None = entry("its column, if any")
+    value: Scalar = entry("value in that column")
+    why: Text = entry("what is unlikely about it, and a possible reason", "")
+    specimens: Names = entry("specimens, if several", (), omitted=not_)
+    oddity: Text = entry(
+        "how the other specimens contradict it; `beyond` for readings that no curve reaches; "
+        "absent if found from its columns alone",
+        "",
+        omitted=is_absent,
     )
-    p_value: Number = Field(
-        default=None, exclude_if=is_absent, description="of such a score, times the number examined"
+    size: Number = entry(
+        "size: of ln stiffness, a fraction, or an offset in kPa", omitted=is_absent
     )
-    readings: Number = Field(
-        default=None,
-        exclude_if=is_absent,
-        description="rows set aside; all rows of whole specimens",
+    score: Number = entry("standard deviations from what all others predict", omitted=is_absent)
+    p_value: Number = entry(
+        "probability of such a score by chance, times the number examined", omitted=is_absent
     )
+    readings: Number = entry("rows set aside; all rows of whole specimens", omitted=is_absent)
     set_aside: bool = Field(
         default=False,
         strict=True,
         exclude_if=not_,
-        description="whether it is excluded from the calibration",
-    )
-
-
-class MissingTermEntry(Record):
-    """A term in known quantities that removes part of a misfit; sizes in `unit`."""
-
-    formula: Text = Field(default="", description="the reading with the term, b its size")
-    columns: Names = Field(default=(), description="quantities that it depends on")
-    size: Number = None
-    q05: Number = None
-    q95: Number = None
-    unit: Text = ""
-    share_of_misfit: Number = Field(default=None, description="with the terms before it")
-    p_value: Number = None
-    elpd_diff: Number = Field(default=None, description="held-out log predictive gain [nats]")
-    elpd_diff_se: Number = None
-    alike: Names = Field(default=(), description="terms that fit as well, the best first")
-    count_alike: Number = Field(default=None, description="their number")
-
-
-class LevelMisfitEntry(Record):
-    """Share of a misfit in one level of a column."""
-
-    level: Text = ""
-    readings: Number = None
-    share_of_misfit: Number = None
-    excess: Number = Field(default=None, description="measured less simulated, on average")
-    excess_pct: Number = Field(default=None, description="the same over the simulated [%]")
-
-
-class ColumnMisfitEntry(Record):
-    """Shares of a misfit in the levels of a column; sizes are of `kind`, in `unit`."""
-
-    column: Text = ""
-    share_of_misfit: Number = None
-    kind: Text = ""
-    unit: Text = ""
-    levels: tuple[LevelMisfitEntry, ...] = ()
-
-
-class DescriptionEntry(Record):
-    """Description of a misfit that no cause accounts for."""
-
-    sentence: Text = ""
-    with_causes: Names = Field(default=(), description="causes in the model with this misfit")
-    terms: tuple[MissingTermEntry, ...] = ()
-    columns: tuple[ColumnMisfitEntry, ...] = ()
-    p_value: Number = Field(default=None, description="of the best of all terms")
-    tried: Number = Field(default=None, description="terms that were tried")
-    replicates: Number = Field(default=None, description="simulated data sets behind p_value")
-    next_experiments: tuple[ExperimentEntry, ...] = Field(
-        default=(), description="experiments that would tell the best terms apart"
+        description="whether it is excluded from calibration and verdict",
     )
 
 
 class OutcomeEntry(Record):
     """An outcome and its causes, as at the top of ``verdict.json``."""
 
-    outcome: Outcome
-    causes: Names = ()
-    one_of: tuple[Names, ...] = ()
-
-
-class QuestionedEntry(Record):
-    """A parameter calibrated to a value that its prior all but excludes; None is no bound.
-
-    The bounds are those of the interval that holds 99.9 % of the prior.
-    """
-
-    parameter: Text = ""
-    meaning: Text = ""
-    unit: Text = ""
-    median: Number = None
-    prior_low: Number = None
-    prior_high: Number = None
-    p_value: Number = None
-    displacement: Number = Field(default=None, exclude_if=is_absent)
-    pushed_by: tuple[Names, ...] = Field(default=(), exclude_if=not_)
-
-
-class AbsorbedEntry(Record):
-    """A parameter of the base model that absorbs a model error.
-
-    "All else" is all other information: the prior, films and means of replicates, without the
-    readings by which the model is judged.
-    """
-
-    parameter: Text = ""
-    meaning: Text = ""
-    unit: Text = ""
-    median: Number = None
-    all_else_low: Number = None
-    all_else_median: Number = None
-    all_else_high: Number = None
-    measured: Number = None
-    measured_se: Number = None
-    source: Text = ""
-    displacement: Number = None
-    p_value: Number = None
-    pushed_by: tuple[Names, ...] = ()
-    explained_share: Number = None
-    median_after: Number = None
-    displacement_after: Number = None
+    outcome: Outcome = Field(description="as above")
+    causes: Names = entry("as above", ())
+    one_of: tuple[Names, ...] = entry("as above", ())
 
 
 class LeftOutEntry(Record):
     """A stage that could not be computed, and why."""
 
-    stage: Text = ""
-    why: Text = ""
+    stage: Text = entry("which", "")
+    why: Text = entry("why", "")
 
 
 class UnusedEntry(Record):
     """Rows of a file that no likelihood uses."""
 
-    file: Text = ""
-    rows: Number = None
-    specimens: Names = ()
-    why: Text = Field(default="", description="the reason, as a key")
-    sentence: Text = ""
+    file: Text = entry("file that holds them", "")
+    rows: Number = entry("how many")
+    specimens: Names = entry("specimens of these rows", ())
+    why: Text = entry(
+        "reason as a key: `after_burst`, `outside_stretch_range`, `undeformed`, `unloaded`, "
+        "`beyond_reach` or `set_aside`",
+        "",
+    )
+    sentence: Text = entry("the same in words", "")
 
 
 class MapNoiseEntry(Record):
     """Difference between two calls of a forward map with the same values."""
 
-    kind: Text = ""
-    unit: Text = ""
-    sd: Number = None
+    kind: Text = entry("which kind", "")
+    unit: Text = entry("unit of the readings", "")
+    sd: Number = entry("standard deviation of the map's own noise")
 
 
 class ForwardMapEntry(Record):
@@ -362,11 +159,20 @@ class ForwardMapEntry(Record):
     Shares count parameter vectors at which some reading has no finite prediction.
     """
 
-    prior_draws: Number = None
-    prior_unanswered: Number = Field(default=None, description="share [–]")
-    proposals: Number = None
-    proposals_unanswered: Number = Field(default=None, description="share [–]")
-    noise: tuple[MapNoiseEntry, ...] = Field(default=(), exclude_if=not_)
+    prior_draws: Number = entry("prior draws at which it was evaluated")
+    prior_unanswered: Number = entry(
+        "share of them at which some prediction is NaN or infinite [–]"
+    )
+    proposals: Number = entry("parameter vectors that the samplers proposed")
+    proposals_unanswered: Number = entry(
+        "share of them at which some prediction is NaN or infinite [–]"
+    )
+    noise: tuple[MapNoiseEntry, ...] = entry(
+        "kinds of readings whose predictions differ between two calls with the same values; absent "
+        "if none do",
+        (),
+        omitted=not_,
+    )
 
 
 class InDoubt(Record):
@@ -378,7 +184,7 @@ class InDoubt(Record):
         description="calibrations that missed the criteria of their effort, with diagnostics",
     )
     suspects: tuple[SuspectEntry, ...] = ()
-    parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    parameters_in_question: tuple[Questioned, ...] = ()
     with_suspects: OutcomeEntry | None = Field(default=None, exclude_if=is_absent)
     forward_map: ForwardMapEntry | None = Field(default=None, exclude_if=is_absent)
 
@@ -396,47 +202,81 @@ class VerdictRecord(FileRecord):
     bayesdeg.records.RecordError: 'outcome' must be 'adequate', 'named', 'ambiguous', ...
     """
 
-    outcome: Outcome
-    causes: Names = Field(default=(), description="named, or that cannot be told apart")
-    one_of: tuple[Names, ...] = ()
-    sets: tuple[Names, ...] = Field(
-        default=(), description="one cause of each list acts; a named one is alone in its list"
+    outcome: Outcome = Field(
+        description="`adequate`, `named`, `ambiguous`, `unexplained` or `not_judged`"
     )
-    alternatives: tuple[Names, ...] = Field(
-        default=(), description="sets of causes of which one acts, if not combinations from lists"
+    causes: Names = entry(
+        "the named causes; for an ambiguous outcome, those that these data cannot tell apart", ()
     )
-    explanation: Text = ""
-    candidates: tuple[CandidateEntry, ...] = Field(default=(), description="best first")
-    confusable: tuple[Names, ...] = ()
-    false_name_rate: Number = None
+    one_of: tuple[Names, ...] = entry(
+        "sets of causes, from each of which one more acts that cannot be identified", ()
+    )
+    sets: tuple[Names, ...] = entry(
+        "lists from each of which one cause acts, every combination being supported; a named cause "
+        "is alone in its list; empty where nothing is, or where the possible sets are not "
+        "combinations from lists",
+        (),
+    )
+    alternatives: tuple[Names, ...] = entry(
+        "sets of causes of which one acts, the most plausible first, where they are not "
+        "combinations from lists",
+        (),
+    )
+    explanation: Text = entry("one paragraph in plain words", "")
+    candidates: tuple[Candidate, ...] = entry(
+        "every cause that was tried, best first, also those that cannot be judged", ()
+    )
+    confusable: tuple[Names, ...] = entry(
+        "pairs of causes that a study of this design could confuse, by simulation", ()
+    )
+    false_name_rate: Number = entry(
+        "share of data sets simulated without an effect in which some cause passes the naming "
+        "threshold"
+    )
     naming: NamingEntry | None = None
-    predicted_with: Names = ()
+    predicted_with: Names = entry(
+        "causes in the model that bands, ruptures and decisions are predicted with", ()
+    )
     misfit: MisfitEntry = MisfitEntry()
-    ruptures: RuptureEntry | None = None
-    rupture_counts: tuple[RuptureCountsEntry, ...] = Field(
-        default=(), description="published, and from the study's own actuators"
+    ruptures: RuptureMisfit | None = entry("null where no actuator could be judged by its rupture")
+    rupture_counts: tuple[RuptureCountsEntry, ...] = entry(
+        "rupture counts and what the model expects, published ones first, then of the study's own "
+        "actuators; no probability is below one in `draws`",
+        (),
     )
-    contradicted: ContradictionEntry | None = None
-    next_experiments: tuple[ExperimentEntry, ...] = ()
-    absorbed: tuple[AbsorbedEntry, ...] = ()
-    description: DescriptionEntry | None = Field(
-        default=None,
-        exclude_if=is_absent,
-        description="description of a misfit that no cause accounts for",
+    contradicted: Conflict | None = entry(
+        "the measured mean that the base model contradicts most; null if it contradicts none"
     )
-    suspects: tuple[SuspectEntry, ...] = ()
-    parameters_in_question: tuple[QuestionedEntry, ...] = ()
-    unused: tuple[UnusedEntry, ...] = Field(default=(), description="rows that no likelihood uses")
-    not_converged: Names = ()
-    with_suspects: OutcomeEntry | None = Field(
-        default=None,
-        exclude_if=is_absent,
-        description="the outcome with nothing set aside; present only if something was",
+    next_experiments: tuple[ExperimentEntry, ...] = entry(
+        "experiments that would best tell apart the causes in question, best first", ()
     )
-    forward_map: ForwardMapEntry | None = Field(
-        default=None, exclude_if=is_absent, description="for a study with its own forward map"
+    absorbed: tuple[Displacement, ...] = entry(
+        "parameters of the base model that absorb a model error, the most displaced first", ()
     )
-    left_out: tuple[LeftOutEntry, ...] = ()
+    description: DescriptionEntry | None = entry(
+        "description of a misfit that no cause, or no cause fully, accounts for; otherwise absent",
+        omitted=is_absent,
+    )
+    suspects: tuple[SuspectEntry, ...] = entry(
+        "readings and specimens that are unlikely, such as one in a different unit", ()
+    )
+    parameters_in_question: tuple[Questioned, ...] = entry(
+        "parameters calibrated to values that their priors all but exclude", ()
+    )
+    unused: tuple[UnusedEntry, ...] = entry("rows of the study's files that no likelihood uses", ())
+    not_converged: Names = entry(
+        "calibrations that missed the criteria of their effort, each with its diagnostics", ()
+    )
+    with_suspects: OutcomeEntry | None = entry(
+        "outcome of the study with nothing set aside, at quick effort; absent if nothing was",
+        omitted=is_absent,
+    )
+    forward_map: ForwardMapEntry | None = entry(
+        "where your forward map has no finite answer, and its noise; absent for actuators and "
+        "films",
+        omitted=is_absent,
+    )
+    left_out: tuple[LeftOutEntry, ...] = entry("stages that could not be computed, and why", ())
 
     @property
     def is_directed(self) -> bool:
@@ -453,7 +293,7 @@ class VerdictRecord(FileRecord):
         """
         return self.outcome is not Outcome.NOT_JUDGED
 
-    def candidate(self, cause: str) -> CandidateEntry | None:
+    def candidate(self, cause: str) -> Candidate | None:
         """Return the entry of a cause, or None if it was not tried."""
         return next((entry for entry in self.candidates if entry.cause == cause), None)
 
@@ -709,7 +549,7 @@ class RunRecord(FileRecord):
     comparisons: tuple[ComparisonEntry, ...] = ()
     checks: Texts = Field(default={}, description="result of each check, in words")
     suspects: tuple[SuspectEntry, ...] = ()
-    parameters_in_question: tuple[QuestionedEntry, ...] = ()
+    parameters_in_question: tuple[Questioned, ...] = ()
     unused: tuple[UnusedEntry, ...] = Field(default=(), description="rows that no likelihood uses")
     posteriors: Texts = Field(default={}, description="SHA-256 of the posteriors")
     update: UpdateEntry | None = Field(

@@ -264,13 +264,11 @@ def decision_pairs(decisions: pd.DataFrame | None) -> list[DecisionPair]:
     for row in rows_of(decisions):
         by_rate.setdefault(float(row["degradation_pct"] or 0.0), []).append(row)
     return [
-        DecisionPair(rate, float(rows[0]["wanted_per_m"] or 0.0), rows[0], _other(rows))
+        DecisionPair(
+            rate, float(rows[0]["wanted_per_m"] or 0.0), rows[0], rows[1] if len(rows) > 1 else None
+        )
         for rate, rows in sorted(by_rate.items())
     ]
-
-
-def _other(rows: Sequence[Row]) -> Row | None:
-    return rows[1] if len(rows) > 1 else None
 
 
 def pooled(gain: pd.DataFrame | None) -> pd.DataFrame | None:
@@ -298,28 +296,27 @@ def level_rows(levels: pd.DataFrame | None) -> list[LevelRow]:
     for row in rows_of(levels):
         level = str(row["degradation_pct"])
         rows.setdefault(level, {})[str(row["model"])] = row
-    ordered = sorted(
-        rows, key=lambda level: (level == ALL_LEVELS, float(level.replace("all", "0")))
-    )
-    return [_level_row(level, rows[level]) for level in ordered]
 
-
-def _level_row(level: str, models: dict[str, Row]) -> LevelRow:
-    def cell(model: str, column: str) -> float | None:
-        value = models.get(model, {}).get(column)
+    def cell(level: str, model: str, column: str) -> float | None:
+        value = rows[level].get(model, {}).get(column)
         return float(value) if value is not None else None
 
-    any_model = next(iter(models))
-    published = (cell(model, "published_r_squared") for model in models)
-    return LevelRow(
-        level,
-        cell(any_model, "n"),
-        cell(BASE, "r_squared"),
-        cell(FINAL, "r_squared"),
-        next((value for value in published if value is not None), None),
-        cell(BASE, "rms_per_m"),
-        cell(FINAL, "rms_per_m"),
-    )
+    found = []
+    for level in sorted(rows, key=lambda one: (one == ALL_LEVELS, float(one.replace("all", "0")))):
+        models = list(rows[level])
+        published = (cell(level, model, "published_r_squared") for model in models)
+        found.append(
+            LevelRow(
+                level,
+                cell(level, models[0], "n"),
+                cell(level, BASE, "r_squared"),
+                cell(level, FINAL, "r_squared"),
+                next((value for value in published if value is not None), None),
+                cell(level, BASE, "rms_per_m"),
+                cell(level, FINAL, "rms_per_m"),
+            )
+        )
+    return found
 
 
 def tensile_errors(tensile: pd.DataFrame | None) -> list[TensileError]:
@@ -368,6 +365,7 @@ def parameter_rows(parameters: pd.DataFrame | None) -> list[ParameterRow]:
 
 
 def _parameter_row(row: Row) -> ParameterRow:
+    """Return a parameter with its intervals, on a logarithmic scale if its prior is wide."""
     ends = [row[key] for key in ("prior_q05", "prior_q95", "q05", "q95")]
     if any(end is None for end in ends):
         return ParameterRow(row, None, None)
@@ -377,12 +375,8 @@ def _parameter_row(row: Row) -> ParameterRow:
         values = np.log(values)
     start = values.min()
     places = 100.0 * (values - start) / (float(np.ptp(values)) or 1.0)
-    return ParameterRow(
-        row,
-        Span(float(places[0]), float(places[1] - places[0])),
-        Span(float(places[2]), float(places[3] - places[2])),
-        logarithmic,
-    )
+    low, high, own_low, own_high = places.tolist()
+    return ParameterRow(row, Span(low, high - low), Span(own_low, own_high - own_low), logarithmic)
 
 
 def panel_levels(*tables: pd.DataFrame | None) -> list[float]:

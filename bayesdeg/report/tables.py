@@ -4,13 +4,16 @@ This is the only list of them: the folder writes and reads these tables, the pag
 run makes it (`bayesdeg.pipeline.writing.BUILDS`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
 import pandas as pd
+
+from bayesdeg.criticism.findings import Displacement
+from bayesdeg.records import Record
 
 GAIN = "gain"
 GAIN_LEVELS = "gain_levels"
@@ -80,6 +83,8 @@ class Column:
         Whether a number must be finite; what is not is written as "not available".
     may_be_empty : bool
         Whether a cell may be "not available"; False for columns that identify the row.
+    field : str
+        The field of a record that fills it, where it has one.
     """
 
     name: str
@@ -88,6 +93,16 @@ class Column:
     kind: CellKind = CellKind.NUMBER
     finite: bool = True
     may_be_empty: bool = True
+    field: str = ""
+
+
+def _cell(value: object) -> object:
+    """Return a value of a record as a table holds it: sets of causes as ``a+b or c``."""
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, tuple):
+        return " or ".join(one if isinstance(one, str) else "+".join(one) for one in value)
+    return value
 
 
 @dataclass(frozen=True)
@@ -115,9 +130,47 @@ class ResultTable:
         """The names of its columns."""
         return [column.name for column in self.columns]
 
+    def rows(self, records: Iterable[Record]) -> pd.DataFrame | None:
+        """Return the table of records, a row each; None without any."""
+        rows = [
+            {c.name: _cell(getattr(one, c.field or c.name)) for c in self.columns}
+            for one in records
+        ]
+        return pd.DataFrame(rows) if rows else None
+
     def empty(self) -> pd.DataFrame:
         """Return the table without rows."""
         return pd.DataFrame(columns=self.headings)
+
+
+def columns_of(record: type[Record], *names: str, unit: str = "–") -> tuple[Column, ...]:
+    """Return the columns of a table made of fields of a record.
+
+    Parameters
+    ----------
+    record : type
+        Its fields have the meaning, and the unit in brackets.
+    *names : str
+        Of the fields.
+    unit : str
+        Of those whose meaning does not end with a unit.
+
+    Examples
+    --------
+    >>> from bayesdeg.criticism.findings import LevelMisfit
+    >>> columns_of(LevelMisfit, "excess_pct")[0].unit
+    '%'
+    """
+    found = []
+    for name in names:
+        field = record.model_fields[name]
+        meaning, _, own = (field.description or "").removesuffix("]").partition(" [")
+        extra = field.json_schema_extra
+        header = str(extra["column"]) if isinstance(extra, dict) else name
+        is_text = isinstance(field.default, str | tuple)
+        kind = CellKind.TEXT if is_text else CellKind.NUMBER
+        found.append(Column(header, own or ("–" if is_text else unit), meaning, kind, field=name))
+    return tuple(found)
 
 
 def _log(name: str, meaning: str) -> Column:
@@ -606,29 +659,19 @@ _TABLES = (
     ResultTable(
         ABSORPTION,
         (
-            _text("parameter", "name in the posterior"),
-            _text("unit", "unit of its values"),
-            _text("meaning", "what it is"),
-            *_quantiles("as stated", 5, 50, 95, prefix="prior_"),
-            *_quantiles("as stated", 5, 50, 95, prefix="all_else_"),
-            Column("measured", "as stated", "a measurement of the parameter alone"),
-            Column("measured_se", "as stated", "its standard error"),
-            _text("measured_source", "source of that measurement"),
-            *_quantiles("as stated", 5, 50, 95, prefix="base_"),
-            *_quantiles("as stated", 5, 50, 95, prefix="after_"),
-            Column(
-                "moved_sd",
-                "–",
-                "shift of the base posterior from all other information, in sd of that",
+            *columns_of(Displacement, "parameter", "unit", "meaning"),
+            *columns_of(
+                Displacement,
+                *("prior_q05", "prior_q50", "prior_q95"),
+                *("all_else_q05", "all_else_q50", "all_else_q95"),
+                *("measured", "measured_se", "measured_source"),
+                *("base_q05", "base_q50", "base_q95"),
+                *("after_q05", "after_q50", "after_q95"),
+                unit="as stated",
             ),
-            Column("learned", "–", "share of the variance removed by the readings"),
-            Column("score_sd", "–", "the same in sd of what a correct model gives"),
-            Column("p_value", "–", "of the readings alone against all other information"),
-            Column("p_adjusted", "–", "the same for all parameters together"),
+            *columns_of(Displacement, "moved_sd", "learned", "score_sd", "p_alone", "p_adjusted"),
             Column("in_question", "–", "1 if it absorbs a model error"),
-            _text("pushed_by", "causes that would push it there"),
-            Column("pushed_share", "–", "share of the shift that the first explains"),
-            Column("after_moved_sd", "–", "as moved_sd, with the causes that evidence favours"),
+            *columns_of(Displacement, "pushed_by", "pushed_share", "after_moved_sd"),
         ),
     ),
     ResultTable(

@@ -13,6 +13,7 @@ from scipy.stats import multivariate_normal
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.fit.trials import base_trial
+from bayesdeg.criticism.holdout.leaving_out import in_folds, one_by_one, run_folds
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel
@@ -177,3 +178,15 @@ def with_law(cause, law):
     """The same cause with another prior of its first parameter."""
     first, *rest = cause.parameters
     return replace(cause, parameters=(replace(first, law=law), *rest))
+
+
+def predict_one_by_one(trial, *, seed, executor=None):
+    """Each group predicted from all others."""
+    [found] = run_folds([one_by_one(trial, seed)], executor)
+    return found
+
+
+def predict_folds(trial, fold, *, seed, executor=None):
+    """Each fold of groups predicted from all others."""
+    [found] = run_folds([in_folds(trial, fold, seed)], executor)
+    return found

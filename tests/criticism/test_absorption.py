@@ -120,19 +120,19 @@ def test_the_score_is_that_of_readings_alone_against_all_else(place, planted):
     one = exact_split(observed).displacements[place]
     centre, variance = from_readings_alone(observed, place, STATED)
     m, u = joint_of().mean[place], STATED[place, place]
-    assert one.score == pytest.approx((centre - m) / np.sqrt(u + variance), rel=1e-6)
+    assert one.score_sd == pytest.approx((centre - m) / np.sqrt(u + variance), rel=1e-6)
     assert one.learned == pytest.approx(u / (u + variance), rel=1e-6)
     mean, own = normal_posterior(joint_of(), observed, STATED)
-    assert one.moved == pytest.approx((mean[place] - m) / np.sqrt(u), rel=1e-6)
+    assert one.moved_sd == pytest.approx((mean[place] - m) / np.sqrt(u), rel=1e-6)
     assert 1.0 - one.learned == pytest.approx(own[place, place] / u, rel=1e-6)
 
 
 def test_the_p_value_is_that_of_two_normal_laws_and_never_nothing():
     for planted in (0.0, 0.1, 2.0):
         one = exact_split(readings(seed=5, offset=planted)).displacements[1]
-        exact = 2.0 * stats.norm.sf(abs(one.score))
-        assert one.p_value == pytest.approx(exact, rel=0.03, abs=2.1 / COUNT)
-        assert one.p_value >= 2.0 / (1.0 + COUNT)
+        exact = 2.0 * stats.norm.sf(abs(one.score_sd))
+        assert one.p_alone == pytest.approx(exact, rel=0.03, abs=2.1 / COUNT)
+        assert one.p_alone >= 2.0 / (1.0 + COUNT)
 
 
 def test_without_an_effect_the_p_values_are_uniform():
@@ -140,7 +140,7 @@ def test_without_an_effect_the_p_values_are_uniform():
     for seed in range(1000):
         slope, bend = generator.multivariate_normal(joint_of().mean, STATED)
         drawn = exact_split(readings(seed=10_000 + seed, slope=slope, bend=bend))
-        found.append([one.p_value for one in drawn.displacements])
+        found.append([one.p_alone for one in drawn.displacements])
     for column in np.array(found).T:
         assert stats.kstest(column, "uniform").pvalue > 0.01
     # all parameters counted: no more than the level in studies without an effect
@@ -185,7 +185,7 @@ def test_the_unit_of_a_parameter_does_not_matter(unit):
     for one, other in zip(
         plain.displacements, Split(trial, known, linear).displacements, strict=True
     ):
-        for what in ("moved", "learned", "score", "p_value"):
+        for what in ("moved_sd", "learned", "score_sd", "p_alone"):
             assert getattr(other, what) == pytest.approx(getattr(one, what), rel=1e-4)
 
 
@@ -195,8 +195,8 @@ def test_what_is_merely_learned_is_not_in_question():
     loose = np.diag([1.0, 0.3]) ** 2
     one = exact_split(observed, loose).displacements[0]
     assert one.learned > 0.9
-    assert one.moved > 1.645
-    assert not one.is_in_question
+    assert one.moved_sd > 1.645
+    assert not one.in_question
 
 
 def test_what_readings_do_not_show_and_flat_priors_are_not_judged():
@@ -253,7 +253,7 @@ def test_a_fitted_model_is_split_as_in_closed_form():
     for one, exact in zip(
         found.displacements, exact_split(observed, prior).displacements, strict=True
     ):
-        assert one.score == pytest.approx(exact.score, rel=0.1, abs=0.1)
+        assert one.score_sd == pytest.approx(exact.score_sd, rel=0.1, abs=0.1)
         assert one.learned == pytest.approx(exact.learned, abs=0.02)
     assert judged_kinds(found.model) == (FormulaReadings.name,)
 
@@ -273,10 +273,10 @@ def test_the_cause_that_pushed_is_said_and_the_parameter_returns():
     [worst, *_] = found.in_question
     assert ("offset",) in {push.causes for push in found.pushed_by(worst)}
     after = found.returned(worst)
-    assert abs(after.moved) < 0.5 * abs(worst.moved)
-    assert not after.is_in_question
+    assert abs(after.moved_sd) < 0.5 * abs(worst.moved_sd)
+    assert not after.in_question
     [push] = [one for one in found.pushes if one.causes == ("offset",)]
-    assert push.share(worst) == pytest.approx(1.0 - after.moved / worst.moved, abs=0.02)
+    assert push.share(worst) == pytest.approx(1.0 - after.moved_sd / worst.moved_sd, abs=0.02)
 
 
 def test_without_an_effect_nothing_is_in_question():
@@ -290,9 +290,9 @@ def test_without_an_effect_nothing_is_in_question():
 
 def pushes(**given_shares):
     one = exact_split(readings(seed=3, offset=0.4)).displacements[0]
-    name = one.parameter.name
+    name = one.parameter
     return one, tuple(
-        Push(tuple(causes.split("_")), factor, {name: share * one.moved})
+        Push(tuple(causes.split("_")), factor, {name: share * one.moved_sd})
         for causes, (factor, share) in given_shares.items()
     )
 
@@ -336,13 +336,13 @@ def test_a_volume_ratio_that_took_up_a_wrong_scale_is_found_and_comes_back():
     """A scale read 18 % too small: the base model has a volume ratio that no film shows."""
     found = judged(9)
     [one] = found.in_question
-    assert one.parameter.name == "volume_ratio"
+    assert one.parameter == "volume_ratio"
     assert [push.causes for push in found.pushed_by(one)] == [("shrinkage_reading",)]
-    assert one.posterior.high < one.all_else.low < one.measured.value
+    assert one.base_q95 < one.all_else_q05 < one.measured
     after = found.returned(one)
-    assert abs(after.moved) < 1.0
-    assert not after.is_in_question
-    assert after.posterior.median == pytest.approx(one.measured.value, abs=2 * one.measured.se)
+    assert abs(after.moved_sd) < 1.0
+    assert not after.in_question
+    assert after.base_q50 == pytest.approx(one.measured, abs=2 * one.measured_se)
 
 
 @pytest.mark.slow
@@ -351,4 +351,4 @@ def test_where_nothing_is_hidden_no_parameter_is_in_question():
     assert found.in_question == ()
     judged_ones = [one for one in found.displacements if one.is_judged]
     assert len(judged_ones) >= 5
-    assert min(one.adjusted for one in judged_ones) > MISFIT_LEVEL
+    assert min(one.p_adjusted for one in judged_ones) > MISFIT_LEVEL

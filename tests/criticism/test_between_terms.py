@@ -5,7 +5,7 @@ import pytest
 
 from bayesdeg.causes.cause import Conditions
 from bayesdeg.criticism.checks.discrepancy import measure
-from bayesdeg.criticism.checks.known_terms import Acts, known_terms
+from bayesdeg.criticism.checks.known_terms import RATE, Acts, known_terms
 from bayesdeg.criticism.checks.missing_terms import missing_terms
 from bayesdeg.criticism.experiments.between_terms import IN_QUESTION, term_cause, term_trials
 from bayesdeg.criticism.experiments.ranking import rank
@@ -41,7 +41,8 @@ def test_a_group_of_the_study_is_known_of_new_specimens(linear):
     ]
     act = term_cause(linear, term, 0.1).on_reading
     near = Conditions(np.full((3, 2), 50.0), np.array([[10.4], [15.0], [24.0]]))
-    assert act._rate(near.degradation).ravel().tolist() == ["10 %", "", "24 %"]
+    groups = act._known(near, np.zeros_like(near.pressure)).labels[RATE.column]
+    assert groups.ravel().tolist() == ["10 %", "", "24 %"]
 
 
 def test_fewer_than_two_terms_of_actuators_are_nothing_to_tell_apart():

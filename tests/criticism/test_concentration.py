@@ -91,9 +91,9 @@ def of(*specimens):
 def test_a_branch_or_later_cycle_that_departs_is_named_with_its_size(part, excess, kind, name):
     found = found_in(excess * rows(part))
     assert (found.kind, found.members) == (kind, (name,))
-    assert found.excess[0] == pytest.approx(100 * excess, abs=1.0)
-    assert found.share > max(MOST, MORE * found.readings)
-    assert found.readings == pytest.approx(np.mean(rows(part)))
+    assert found.excess_pct[0] == pytest.approx(100 * excess, abs=1.0)
+    assert found.share_of_misfit > max(MOST, MORE * found.share_of_readings)
+    assert found.share_of_readings == pytest.approx(np.mean(rows(part)))
     assert found.p_value == pytest.approx(1 / 201)
 
 
@@ -103,20 +103,20 @@ def test_readings_after_a_hold_are_named():
     found = found_in(0.08 * held)
     assert found.kind == "hold"
     assert len(found.members) == 1
-    assert found.readings == pytest.approx(1 / 9)
+    assert found.share_of_readings == pytest.approx(1 / 9)
 
 
 def test_a_specimen_that_departs_is_named():
     found = found_in(-0.25 * of("s4"))
     assert (found.kind, found.members) == ("specimen", ("s4",))
-    assert found.excess[0] == pytest.approx(-25.0, abs=8.0)
-    assert found.readings == pytest.approx(1 / 12)
+    assert found.excess_pct[0] == pytest.approx(-25.0, abs=8.0)
+    assert found.share_of_readings == pytest.approx(1 / 12)
 
 
 def test_a_few_specimens_are_named_the_worst_first():
     found = found_in(0.4 * of("s4") - 0.25 * of("s9"))
     assert (found.kind, found.members) == ("specimen", ("s4", "s9"))
-    assert found.excess[0] > 0.0 > found.excess[1]
+    assert found.excess_pct[0] > 0.0 > found.excess_pct[1]
 
 
 @pytest.mark.parametrize(

@@ -41,14 +41,14 @@ def test_the_chance_is_that_of_students_law_widened_by_the_posterior(vectors, va
     drawn = small_model().table.named(vectors)["volume_ratio"]
     far = abs(value - drawn.mean()) / np.sqrt(0.03**2 + drawn.var())
     assert found.p_value == pytest.approx(2.0 * law.sf(far))
-    assert (found.wanted, found.wanted_sd) == pytest.approx((drawn.mean(), drawn.std()))
+    assert (found.calibrated, found.calibrated_sd) == pytest.approx((drawn.mean(), drawn.std()))
 
 
 def test_the_worst_of_several_is_told_and_pays_for_having_been_chosen(vectors):
     wrong, fine = ratio(0.95), ratio(0.62)
     alone = compared(vectors, wrong)
     found = compared(vectors, fine, wrong)
-    assert found.statistic == wrong
+    assert (found.measured, found.source) == (wrong.value, wrong.source)
     assert found.p_value == pytest.approx(2.0 * alone.p_value)
     drawn = small_model().table.named(vectors)["volume_ratio"]
     assert compared(vectors, ratio(drawn.mean()), ratio(drawn.mean())).p_value == 1.0
@@ -94,11 +94,12 @@ def test_neither_a_uniform_prior_nor_readings_better_than_expected_are_surprisin
 def test_a_part_that_did_not_shrink_questions_the_prior_of_one_that_did(vectors):
     """A volume ratio of 0.98 under 0.62 ± 0.07 once stood in a report as adequate."""
     [found] = calibrated_to(vectors, 0.98)
-    assert found.parameter.name == "volume_ratio"
-    assert found.value == pytest.approx(0.98)
+    assert found.parameter == "volume_ratio"
+    assert found.median == pytest.approx(0.98)
     assert found.p_value <= MISFIT_LEVEL
-    low, high = found.expected
-    assert (low, high) == pytest.approx((0.62 - 3.29 * 0.07, 0.62 + 3.29 * 0.07), abs=2e-3)
+    assert (found.prior_low, found.prior_high) == pytest.approx(
+        (0.62 - 3.29 * 0.07, 0.62 + 3.29 * 0.07), abs=2e-3
+    )
 
 
 @pytest.mark.parametrize(

@@ -54,9 +54,11 @@ def test_an_average_over_a_beta_law_is_beta_binomial():
         )
         expected = stats.betabinom(3, a, b)
         assert np.exp(found.log_probability) == pytest.approx(expected.pmf(ruptured), rel=1e-3)
-        assert found.levels[0].chance == pytest.approx(expected.pmf(ruptured), rel=1e-3)
+        assert found.levels[0].count_probability == pytest.approx(expected.pmf(ruptured), rel=1e-3)
         assert found.levels[0].probability == pytest.approx(a / (a + b), rel=1e-3)
-        assert found.levels[0].low == pytest.approx(stats.beta(a, b).ppf(0.05), rel=1e-2)
+        assert found.levels[0].probability_q05 == pytest.approx(
+            stats.beta(a, b).ppf(0.05), rel=1e-2
+        )
 
 
 @given(st.integers(1, 12), st.floats(0.02, 0.98), st.data())

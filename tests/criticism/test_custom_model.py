@@ -16,12 +16,12 @@ from bayesdeg.criticism.checks.discrepancy import (
 )
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.fit.trials import try_causes
-from bayesdeg.criticism.holdout.leaving_out import predict_one_by_one
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.readings import Formula, FormulaReadings, nothing_common, places_of
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.priors import Normal, Parameter
+from tests.criticism.straight_subject import predict_one_by_one
 
 ALONG = np.linspace(0.5, 4.0, 12)
 SPECIMENS = np.repeat(["a", "b", "c", "d"], 3)

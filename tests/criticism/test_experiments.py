@@ -9,8 +9,8 @@ from bayesdeg.actuator.inputs import Further
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.criticism.experiments.designs import (
     MOUNTS,
-    WALL,
     WARMER,
+    Measurand,
     PartMeasurements,
     candidate_experiments,
 )
@@ -278,7 +278,7 @@ def test_walls_read_what_erosion_and_thickness_leave(model):
     hypothesis = around(model, sizes, width=0.0)
     values = hypothesis.model.table.named(hypothesis.draws[:1])
     level = np.array([[0.0], [25.0]])
-    test = PartMeasurements(WALL, level, 0.0 * level, 100.0 + 0.0 * level, 2)
+    test = PartMeasurements(Measurand.WALL, level, 0.0 * level, 100.0 + 0.0 * level, 2)
     scale = TRUTH["volume_ratio"] ** (1.0 / 3.0)
     by_hand = [0.95 * scale, 0.95 * scale - 0.1 * scale]
     assert test.expected(hypothesis.model, values)[0, :, 0] == pytest.approx(by_hand)
@@ -343,21 +343,19 @@ def test_the_same_hypothesis_twice_is_told_apart_by_nothing(model, experiments):
     pair = around(model, {}, seed=0), around(model, {}, seed=1)
     found = rank_hypotheses(pair, experiments, np.random.default_rng(8))
     assert max(entry.decisive.expected for entry in found) < 0.5
-    assert next_experiments_document(found, repr) == []
+    assert next_experiments_document(found, repr) == ()
 
 
 def test_the_document_holds_what_the_contract_asks_for(ranked):
     document = next_experiments_document(ranked, repr, most=2)
     assert len(document) == 2
     for entry, source in zip(document, ranked, strict=False):
-        assert entry["design"] == repr(source.experiment.plan)
-        assert len(entry["separates"]) == 2
-        assert entry["expected_log_bayes_factor"] == pytest.approx(
-            source.decisive.expected, abs=0.01
-        )
-        assert entry["specimens"] == source.experiment.specimens > 0
-        assert entry["readings"] >= entry["specimens"]
-        assert len(entry["pairs"]) == 3
+        assert entry.design == repr(source.experiment.plan)
+        assert len(entry.separates) == 2
+        assert entry.expected_log_bayes_factor == pytest.approx(source.decisive.expected, abs=0.01)
+        assert entry.specimens == source.experiment.specimens > 0
+        assert entry.readings >= entry.specimens
+        assert len(entry.pairs) == 3
 
 
 def test_more_specimens_are_worth_more(model, many):

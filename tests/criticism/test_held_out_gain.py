@@ -20,13 +20,19 @@ from bayesdeg.criticism.holdout.held_out import (
     joined,
     standard_error,
 )
-from bayesdeg.criticism.holdout.leaving_out import predict_folds, predict_one_by_one, run_folds
+from bayesdeg.criticism.holdout.leaving_out import run_folds
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.priors import LogNormal, Normal, TruncatedNormal, with_priors
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import tight_model, with_known_scatter
-from tests.criticism.straight_subject import LEVEL, SPECIMEN, linear_cause
+from tests.criticism.straight_subject import (
+    LEVEL,
+    SPECIMEN,
+    linear_cause,
+    predict_folds,
+    predict_one_by_one,
+)
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
 SPECIMENS = tuple("abcdef")

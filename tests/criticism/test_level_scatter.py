@@ -9,8 +9,7 @@ from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.level_scatter import CLEAR, within_levels
-from bayesdeg.criticism.fit.linear import Whitening, linearise
-from bayesdeg.criticism.subject import columns_of, with_neutral
+from bayesdeg.criticism.fit.linear import Whitening, columns_of, linearise, with_neutral
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import altered, small_model, values_of
 

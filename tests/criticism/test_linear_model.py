@@ -20,9 +20,9 @@ from bayesdeg.criticism.fit.linear import (
     rest_covariance,
     rest_law,
     sensitivities,
+    with_neutral,
 )
 from bayesdeg.criticism.fit.screening import screen
-from bayesdeg.criticism.subject import with_neutral
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.observations.curvature import CURVATURE

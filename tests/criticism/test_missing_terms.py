@@ -297,9 +297,9 @@ def test_the_column_in_which_a_misfit_sits_has_the_largest_share(linear):
     by_name = {one.column: one for one in columns}
     assert set(by_name) == {"pressure", "level", "specimen", "kind of reading"}
     level = by_name["level"]
-    assert level.worst.label == "10 %"
-    assert level.share > 0.8
-    assert level.share > by_name["pressure"].share
+    assert level.worst.level == "10 %"
+    assert level.share_of_misfit > 0.8
+    assert level.share_of_misfit > by_name["pressure"].share_of_misfit
     assert level.worst.excess_pct == pytest.approx(30.0, abs=12.0)
     assert level.unit == "1/m"
     rows = (places.level == 10.0) & (places.kind == CURVATURE)

@@ -9,9 +9,8 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.criticism.fit.linear import effects, neutral_sizes
+from bayesdeg.criticism.fit.linear import columns_of, effects, neutral_sizes, with_neutral
 from bayesdeg.criticism.fit.screening import screen
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, scaling_cause, with_readings

@@ -8,8 +8,8 @@ from scipy.stats import multivariate_normal
 
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.checks.shared_scatter import SHARES, SharedScatter, shared_scatter
+from bayesdeg.criticism.fit.linear import columns_of, with_neutral
 from bayesdeg.criticism.fit.trials import CandidateFit
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.laplace import weighted
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import altered, small_model, values_of

@@ -7,9 +7,8 @@ import pytest
 from scipy.special import logsumexp
 
 from bayesdeg.criticism.fit import trials
-from bayesdeg.criticism.fit.linear import effects, with_prior_moments
+from bayesdeg.criticism.fit.linear import columns_of, effects, with_neutral, with_prior_moments
 from bayesdeg.criticism.fit.trials import BENT, STRONG, WANTED, CandidateFit, from_prior, try_causes
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import CustomDensity
 from bayesdeg.inference.laplace import Evidence, Laplace, approximate
 from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal

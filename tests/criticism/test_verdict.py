@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from bayesdeg.criticism.checks.conflict import Conflict, Questioned
+from bayesdeg.criticism.checks.conflict import questioned_at
 from bayesdeg.criticism.checks.discrepancy import LARGE, Misfit
 from bayesdeg.criticism.checks.known_terms import Acts, KnownTerm, Quantified
 from bayesdeg.criticism.checks.missing_terms import MissingTerm, MissingTerms
-from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide import support as supporting
 from bayesdeg.criticism.decide import verdict as deciding
@@ -49,10 +48,10 @@ from bayesdeg.criticism.decide.verdict import (
     decide,
     share_explained,
 )
+from bayesdeg.criticism.findings import Conflict, RuptureMisfit
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
-from bayesdeg.observations.means import Statistic
 from bayesdeg.priors import Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
@@ -129,8 +128,7 @@ def test_a_misfit_may_be_any_cause_that_reads_like_another_form_of_the_law(p_val
 
 def test_causes_that_read_like_the_law_answer_for_no_contradicted_mean():
     """A measured mean that is contradicted is no misfit of the readings."""
-    mean = Statistic("volume_ratio", 0.0, 0.62, 0.03, "shrinkage.csv", 3.0)
-    wrong = Conflict(mean, 0.96, 0.04, MISFIT_LEVEL)
+    wrong = Conflict(quantity="volume_ratio", calibrated=0.96, p_value=MISFIT_LEVEL)
     found = outcome_of(base=step(0.5), contradicted=wrong, alike=("creep", "erosion"))
     assert found == Decision(Outcome.UNEXPLAINED, ())
 
@@ -423,29 +421,28 @@ def test_two_uncertain_causes_are_ambiguous_together_each_told_once():
     assert found == Decision(Outcome.AMBIGUOUS, ("creep", "gravity", "erosion"))
 
 
-RUPTURES = RuptureMisfit(3, 0.2, 30.0, MISFIT_LEVEL)
+RUPTURES = RuptureMisfit(burst=3, expected=0.2, deviance=30.0, p_value=MISFIT_LEVEL)
 
 
 def test_ruptures_that_the_model_does_not_expect_are_a_misfit_too():
     even = step(0.6, 1.0)
     assert outcome_of(base=even, rupture=RUPTURES).outcome is Outcome.UNEXPLAINED
-    expected = replace(RUPTURES, p_value=0.3)
+    expected = RUPTURES.model_copy(update={"p_value": 0.3})
     assert outcome_of(base=even, rupture=expected).outcome is Outcome.ADEQUATE
     assert outcome_of(base=even, rupture=None).outcome is Outcome.ADEQUATE
 
 
 def test_a_measured_mean_that_the_model_contradicts_is_a_misfit_too():
     """Nothing else is off: the readings agree with a volume ratio that nobody measured."""
-    mean = Statistic("volume_ratio", 0.0, 0.62, 0.03, "shrinkage.csv", 3.0)
-    wrong = Conflict(mean, 0.96, 0.04, MISFIT_LEVEL)
-    fine = replace(wrong, p_value=MISFIT_LEVEL + 1e-6)
+    wrong = Conflict(quantity="volume_ratio", calibrated=0.96, p_value=MISFIT_LEVEL)
+    fine = wrong.model_copy(update={"p_value": MISFIT_LEVEL + 1e-6})
     assert outcome_of(base=CLEAN, contradicted=wrong).outcome is Outcome.UNEXPLAINED
     assert outcome_of(base=CLEAN, contradicted=fine).outcome is Outcome.ADEQUATE
 
 
 def test_a_value_that_its_prior_excludes_is_a_misfit_too_and_stops_no_naming():
     ratio = Parameter("volume_ratio", TruncatedNormal(0.62, 0.07, 0.1, 1.0), "–", "α")
-    off = (Questioned(ratio, 0.98, 1e-4),)
+    off = (questioned_at(ratio, 0.98, 1e-4),)
     assert outcome_of(base=CLEAN, questioned=off).outcome is Outcome.UNEXPLAINED
     assert outcome_of(base=CLEAN).outcome is Outcome.ADEQUATE
     with_cause = outcome_of(support("creep"), questioned=off)
@@ -560,7 +557,7 @@ def test_the_tail_of_the_prior_is_that_of_its_law(law, of_law):
     search, chosen = searched(straight.readings(2, wave=0.2), [cause])
     assert chosen == {"wave"}
     size = search.trials[chosen].mode[-1]
-    assert prior_tail(search, chosen, "wave") == pytest.approx(of_law(size), abs=2e-3)
+    assert prior_tail(cause, size) == pytest.approx(of_law(size), abs=2e-3)
     assert of_law(size) > 0.005
 
 
@@ -578,7 +575,7 @@ def test_a_misfit_that_could_not_be_set_against_chance_is_never_adequate():
 
 
 def test_what_is_known_beside_it_still_contradicts_the_model():
-    burst = RuptureMisfit(3, 0.1, 9.0, MISFIT_LEVEL)
+    burst = RuptureMisfit(burst=3, expected=0.1, deviance=9.0, p_value=MISFIT_LEVEL)
     assert outcome_of(base=UNKNOWN, rupture=burst).outcome is Outcome.UNEXPLAINED
 
 

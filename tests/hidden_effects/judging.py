@@ -235,8 +235,7 @@ def _told(judgement: Judgement) -> Verdict:
         chief="" if chief is None else chief.column,
         sets=judgement.decision.sets,
         proposed=tuple(
-            (tuple(one["separates"]), one["expected_log_bayes_factor"])
-            for one in judgement.experiments
+            (one.separates, one.expected_log_bayes_factor) for one in judgement.experiments
         ),
         **_evidence(judgement.supported, judgement.threshold),
     )

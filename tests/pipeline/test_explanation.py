@@ -9,13 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.criticism.checks.conflict import Conflict, Questioned
+from bayesdeg.causes.catalogue import CATALOGUE, mechanism_of
+from bayesdeg.criticism.checks.conflict import questioned_at
 from bayesdeg.criticism.checks.discrepancy import Misfit
-from bayesdeg.criticism.checks.residuals import Concentration
-from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
-from bayesdeg.criticism.decide.candidates import Candidate, Confusability, EffectSize
+from bayesdeg.criticism.decide.candidates import FULL_FIT, SCREENING, Confusability
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import (
     Decision,
@@ -24,9 +22,16 @@ from bayesdeg.criticism.decide.verdict import (
     TooLittleExplained,
     Uncalibrated,
 )
+from bayesdeg.criticism.findings import (
+    Candidate,
+    Concentration,
+    Conflict,
+    EffectSize,
+    ExperimentEntry,
+    RuptureMisfit,
+)
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.observations.means import Statistic
 from bayesdeg.pipeline import record
 from bayesdeg.pipeline.judge import Judgement, readings_misfit
 from bayesdeg.pipeline.record import explain
@@ -45,14 +50,45 @@ def unjudged_document(*arguments, **options):
 
 
 WHERE = "Measured curvature lies below the simulation by 12 % on average at 20–80 kPa."
-SIZE = EffectSize(13.9, 0.6, 12.9, 14.9, "kPa")
-OFFSET = Candidate("pressure_offset", 41.2, 0.95, 0.93, 39.5, 6.1, {"offset": SIZE})
-FRACTION = EffectSize(0.1, 0.02, 0.06, 0.13, "–")
-LOSS = Candidate("pressure_loss", 6.0, 0.04, 0.4, 3.0, 4.0, {"fraction": FRACTION})
-SCREENED = Candidate("erosion", 1.5, 0.01, None, None, None, {}, fitted=False)
-UNJUDGED = Candidate(
-    "creep", *5 * (None,), {}, fitted=False, why="actuator.csv does not record time_s"
+OFFSET = Candidate(
+    cause="pressure_offset",
+    probability=0.95,
+    log_bayes_factor=41.2,
+    elpd_diff=39.5,
+    elpd_diff_se=6.1,
+    explained_fraction=0.93,
+    effect={"offset": EffectSize(mean=13.9, sd=0.6, q05=12.9, q95=14.9, unit="kPa")},
+    mechanism=mechanism_of("pressure_offset"),
+    judged_by=FULL_FIT,
 )
+LOSS = Candidate(
+    cause="pressure_loss",
+    probability=0.04,
+    log_bayes_factor=6.0,
+    elpd_diff=3.0,
+    elpd_diff_se=4.0,
+    explained_fraction=0.4,
+    effect={"fraction": EffectSize(mean=0.1, sd=0.02, q05=0.06, q95=0.13, unit="–")},
+    judged_by=FULL_FIT,
+)
+SCREENED = Candidate(cause="erosion", probability=0.01, log_bayes_factor=1.5, judged_by=SCREENING)
+UNJUDGED = Candidate(cause="creep", why="actuator.csv does not record time_s")
+RUPTURES = RuptureMisfit(burst=3, expected=0.2, deviance=30.0, p_value=0.01)
+CONTRADICTED = Conflict(
+    quantity="volume_ratio",
+    measured=0.617,
+    standard_error=0.026,
+    source="shrinkage.csv, 4 films",
+    calibrated=0.962,
+    p_value=0.001,
+    calibrated_sd=0.036,
+)
+
+
+def with_new(record, **new):
+    return record.model_copy(update=new)
+
+
 CANDIDATES = (OFFSET, LOSS, SCREENED, UNJUDGED)
 CONFUSABLE = Confusability(
     ("pressure_loss", "film_mismatch"), np.array([9.0, 9.0]), np.array([[1.0, 0.9], [0.8, 1.0]])
@@ -113,7 +149,7 @@ def judgement_of(
         held_out={},
         levels_out={},
         search=search_of(base, left),
-        experiments=[],
+        experiments=(),
     )
 
 
@@ -135,9 +171,8 @@ def cases():
         support("creep"),
         p_value=0.6,
     )
-    measured = Statistic("volume_ratio", 0.0, 0.617, 0.026, "shrinkage.csv, 4 films", 3.0)
     ratio = Parameter("volume_ratio", TruncatedNormal(0.62, 0.07, 0.1, 1.0), "–", "α")
-    likely = replace(OFFSET, probability=0.995, log_bayes_factor=3.0)
+    likely = with_new(OFFSET, probability=0.995, log_bayes_factor=3.0)
     off_prior = judgement_of(unexplained, p_value=0.4)
     uncalibrated = replace(unknown(Outcome.NAMED), decision=named("pressure_offset"))
     return {
@@ -206,7 +241,7 @@ def cases():
             support("pressure_offset"),
         ),
         "unexplained, evidence too weak": judgement_of(
-            unexplained, candidates=(replace(LOSS, log_bayes_factor=2.5), UNJUDGED)
+            unexplained, candidates=(with_new(LOSS, log_bayes_factor=2.5), UNJUDGED)
         ),
         "unexplained without candidates": judgement_of(unexplained, candidates=(UNJUDGED,)),
         "unexplained, wide errors": replace(hidden, left=replace(hidden.left, p_value=0.01)),
@@ -214,19 +249,17 @@ def cases():
             hidden, shared=(SharedScatter("creep", 7.2, 0.95, 0.005),)
         ),
         "unexplained, values off their priors": replace(
-            off_prior, questioned=(Questioned(ratio, 0.976, 0.001),)
+            off_prior, questioned=(questioned_at(ratio, 0.976, 0.001),)
         ),
-        "unexplained by ruptures alone": judgement_of(
-            unexplained, p_value=0.6, rupture=RuptureMisfit(3, 0.2, 30.0, 0.01)
-        ),
+        "unexplained by ruptures alone": judgement_of(unexplained, p_value=0.6, rupture=RUPTURES),
         "adequate, a measured mean contradicted, sets lost": judgement_of(
-            adequate, p_value=0.34, contradicted=Conflict(measured, 0.962, 0.036, 0.001), lost=0.12
+            adequate, p_value=0.34, contradicted=CONTRADICTED, lost=0.12
         ),
         "adequate, a likely cause too weak": judgement_of(
             adequate, p_value=0.4, candidates=(likely,)
         ),
         "adequate, a likely cause of screening": judgement_of(
-            adequate, p_value=0.4, candidates=(replace(likely, log_bayes_factor=99.0),)
+            adequate, p_value=0.4, candidates=(with_new(likely, log_bayes_factor=99.0),)
         ),
         "adequate, favoured but not held out": judgement_of(
             Decision(Outcome.ADEQUATE, (), reasons=(NotPredictedBetter("creep", 3.9, 4.0),)),
@@ -290,7 +323,7 @@ def test_simulated_data_sets_that_misfit_as_much_are_counted(larger, said):
 @pytest.mark.parametrize(("p_value", "told"), [(0.01, True), (0.3, False)])
 def test_ruptures_are_told_where_they_are_no_chance(p_value, told):
     judgement = judgement_of(Decision(Outcome.UNEXPLAINED, ()))
-    found = RuptureMisfit(3, 0.2, 30.0, p_value)
+    found = with_new(RUPTURES, p_value=p_value)
     assert changed(judgement, rupture=found) == told
     document = verdict_document(replace(judgement, rupture=found), WHERE)
     assert document["ruptures"] == {
@@ -305,8 +338,7 @@ def test_ruptures_are_told_where_they_are_no_chance(p_value, told):
 @pytest.mark.parametrize(("p_value", "told"), [(0.001, True), (0.2, False)])
 def test_a_measured_mean_that_is_contradicted_is_told_with_its_source(p_value, told):
     judgement = judgement_of(Decision(Outcome.ADEQUATE, ()), p_value=0.5)
-    measured = Statistic("volume_ratio", 0.0, 0.617, 0.026, "shrinkage.csv, 4 films", 3.0)
-    found = Conflict(measured, 0.962, 0.036, p_value)
+    found = with_new(CONTRADICTED, p_value=p_value)
     assert changed(judgement, contradicted=found) == told
     document = verdict_document(replace(judgement, contradicted=found), WHERE)
     assert document["contradicted"]["calibrated"] == 0.962
@@ -318,14 +350,14 @@ def test_a_measured_mean_that_is_contradicted_is_told_with_its_source(p_value, t
 def test_a_likely_cause_that_is_not_named_is_not_passed_over_in_silence(probability, told):
     """The table once said 99.5 % of a cause while the text said that no cause was named."""
     judgement = judgement_of(Decision(Outcome.ADEQUATE, ()), p_value=0.4, candidates=())
-    known = replace(OFFSET, probability=probability, log_bayes_factor=3.0)
+    known = with_new(OFFSET, probability=probability, log_bayes_factor=3.0)
     assert changed(judgement, candidates=(known,)) == told
 
 
 @pytest.mark.parametrize("outcome", [Outcome.ADEQUATE, Outcome.UNEXPLAINED])
 def test_a_threshold_beyond_all_bounds_is_not_given_as_a_number(outcome):
     judgement = judgement_of(Decision(outcome, ()), p_value=0.004, candidates=())
-    known = replace(OFFSET, probability=0.9, log_bayes_factor=3.0)
+    known = with_new(OFFSET, probability=0.9, log_bayes_factor=3.0)
     text, usual = (
         explain(replace(judgement, candidates=(known,), threshold=threshold), WHERE)
         for threshold in (7465220.1, 12.5)
@@ -397,7 +429,14 @@ def test_the_false_name_rate_is_never_none_of_as_many_as_were_simulated():
 
 
 def test_where_most_of_the_misfit_sits_is_for_other_tools_too():
-    found = Concentration("specimen", ("G7",), (-14.0,), 0.88, 0.06, 0.002)
+    found = Concentration(
+        kind="specimen",
+        members=("G7",),
+        excess_pct=(-14.0,),
+        share_of_misfit=0.88,
+        share_of_readings=0.06,
+        p_value=0.002,
+    )
     document = verdict_document(ONE, WHERE, concentrated=found)
     assert document["misfit"]["concentrated"] == {
         "kind": "specimen",
@@ -411,7 +450,7 @@ def test_where_most_of_the_misfit_sits_is_for_other_tools_too():
 
 
 def test_candidates_tell_how_often_chance_gains_as_much():
-    known = replace(OFFSET, naming_p_value=0.002)
+    known = with_new(OFFSET, naming_p_value=0.002)
     document = verdict_document(replace(ONE, candidates=(known, LOSS, UNJUDGED)), WHERE)
     first, *others = document["candidates"]
     assert first["naming_p_value"] == 0.002
@@ -437,7 +476,8 @@ PLAN = {"design": "unloading", "separates": ["creep", "mullins"], "specimens": 3
 
 
 def test_experiments_are_passed_on():
-    [planned] = verdict_document(ONE, WHERE, [PLAN])["next_experiments"]
+    judgement = replace(ONE, experiments=(ExperimentEntry(**PLAN),))
+    [planned] = verdict_document(judgement, WHERE)["next_experiments"]
     assert planned == PLAN | {"expected_log_bayes_factor": None, "pairs": []}
     assert verdict_document(ONE, WHERE)["next_experiments"] == []
 

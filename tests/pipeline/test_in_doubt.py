@@ -6,12 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from bayesdeg.criticism.checks.absorption import Absorption, Displacement, Interval, Push
+from bayesdeg.criticism.checks.absorption import Absorption, Push
 from bayesdeg.criticism.decide.verdict import NotConverged
+from bayesdeg.criticism.findings import Displacement
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.record import in_doubt
-from bayesdeg.priors import LogNormal, Parameter, with_priors
+from bayesdeg.priors import LogNormal, with_priors
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.record import InDoubt, VerdictRecord
 from tests.inference.small_study import altered, draws_near_truth, small_model
@@ -69,10 +70,7 @@ def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():
 
 def test_what_pushed_a_parameter_in_question_stands_with_it():
     prior = LogNormal(3e5, 0.3)
-    nothing = Interval(np.nan, np.nan, np.nan)
-    stiff = Displacement(
-        Parameter("paper_stiffness", prior, "N/m"), nothing, nothing, nothing, None, -7.5, 0.9
-    )
+    stiff = Displacement(parameter="paper_stiffness", unit="N/m", moved_sd=-7.5, learned=0.9)
     pushes = (
         Push(("paper_slack",), 30.0, {"paper_stiffness": -7.0}),
         Push(("creep",), 2.0, {"paper_stiffness": -7.5}),

@@ -179,7 +179,7 @@ def test_without_an_effect_the_model_is_adequate_and_nothing_joins_it(fine):
     assert list(fine.held_out) == ["base"]
     assert fine.levels_out == {}
     assert fine.misfit.p_value > 0.02
-    assert fine.experiments == []
+    assert fine.experiments == ()
 
 
 def test_ruptures_are_judged_where_there_is_a_limit(fine):

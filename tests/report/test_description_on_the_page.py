@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.criticism.findings import DescriptionEntry
 from bayesdeg.report.page import build_page
-from bayesdeg.report.record import DescriptionEntry, VerdictRecord
+from bayesdeg.report.record import VerdictRecord
 from tests.report.html_reading import numbers_in, read_html, table_cells
 from tests.report.synthetic_run import write_full
 

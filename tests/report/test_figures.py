@@ -8,6 +8,7 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 from scipy import stats
 
+from bayesdeg.criticism.findings import RuptureCountsEntry
 from bayesdeg.report.drawing import BASE_COLOUR, FINAL_COLOUR, VIRTUAL, inline_svg, panels
 from bayesdeg.report.figures.criticism import gain_figure
 from bayesdeg.report.figures.curvature import (
@@ -19,7 +20,6 @@ from bayesdeg.report.figures.curvature import (
     share_interval,
 )
 from bayesdeg.report.figures.films import constants_figure, tensile_figure
-from bayesdeg.report.record import RuptureCountsEntry
 from bayesdeg.report.summaries import MOST_LEVELS, by_level, pooled
 from tests.report.synthetic_run import (
     LEVELS,

@@ -14,13 +14,11 @@ import pandas as pd
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.criticism.checks.absorption import Absorption, Displacement, Interval, Push
-from bayesdeg.criticism.checks.count_misfit import CountedLevel, CountMisfit
+from bayesdeg.criticism.checks.absorption import Absorption, Push
+from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.criticism.checks.known_terms import PATHS, Acts, Form, KnownFunction, KnownTerm
-from bayesdeg.criticism.checks.misfit_columns import ColumnMisfit, LevelMisfit
 from bayesdeg.criticism.checks.missing_terms import AlikeTerm, MissingTerm, MissingTerms
 from bayesdeg.criticism.checks.residuals import (
-    Concentration,
     CurvatureDeparture,
     ReadingsDeparture,
     StressDeparture,
@@ -44,6 +42,13 @@ from bayesdeg.criticism.decide.verdict import (
 )
 from bayesdeg.criticism.experiments.designs import MOUNTS
 from bayesdeg.criticism.experiments.ranking import ExperimentPlan
+from bayesdeg.criticism.findings import (
+    ColumnMisfit,
+    Concentration,
+    CountedLevel,
+    Displacement,
+    LevelMisfit,
+)
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout.gain import LooPit, Scatter
 from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
@@ -59,7 +64,6 @@ from bayesdeg.pipeline.run_record import VendorCheck, VendorFigure
 from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.lifetime import Duty
 from bayesdeg.prediction.prior_predictive import PriorPredictive
-from bayesdeg.priors import Parameter, Uniform
 from bayesdeg.report.left_out import OptionalStage
 from bayesdeg.report.record import BurstEntry, MemberEntry, UpdateEntry, VerdictRecord
 from bayesdeg.report.wording import environment, sentences, worded
@@ -160,14 +164,47 @@ TEST = ExperimentPlan("unloading", 3, (25.0,), low=20.0, top=240.0)
 
 
 def specimens(*names):
-    return Concentration("specimen", names, (-14.2, 9.0)[: len(names)], 0.88, 0.063, 0.002)
+    return Concentration(
+        kind="specimen",
+        members=names,
+        excess_pct=(-14.2, 9.0)[: len(names)],
+        share_of_misfit=0.88,
+        share_of_readings=0.063,
+        p_value=0.002,
+    )
+
+
+def later(kind, member, share, readings):
+    """Most of a misfit in one part of the history."""
+    return Concentration(
+        kind=kind,
+        members=(member,),
+        excess_pct=(4.2,),
+        share_of_misfit=share,
+        share_of_readings=readings,
+        p_value=0.004,
+    )
+
+
+def counted_level(degradation, ruptured, *probabilities, of_count):
+    probability, low, high = probabilities
+    return CountedLevel(
+        degradation_pct=degradation,
+        pressure_kPa=240.0,
+        tested=3,
+        ruptured=ruptured,
+        probability=probability,
+        probability_q05=low,
+        probability_q95=high,
+        count_probability=of_count,
+    )
 
 
 COUNTS = CountMisfit(
     source="summary.csv",
     levels=(
-        CountedLevel(0.0, 240.0, 3, 0, 1e-9, 1e-12, 1e-8, 1.0),
-        CountedLevel(25.0, 240.0, 3, 2, 2e-7, 1e-9, 1e-6, 1e-13),
+        counted_level(0.0, 0, 1e-9, 1e-12, 1e-8, of_count=1.0),
+        counted_level(25.0, 2, 2e-7, 1e-9, 1e-6, of_count=1e-13),
     ),
     log_probability=-30.0,
     p_value=0.001,
@@ -193,20 +230,24 @@ TWO = (with_rivals(FLAWS, dry_embrittlement=1.0), counted_cause("dry_embrittleme
 
 def displaced(moved, adjusted, *, median):
     """The volume ratio of films of 0.62, where a model has another."""
-    parameter = Parameter("volume_ratio", Uniform(0.2, 1.0), "–", "of the part over its mould")
-    known = Interval(0.571, 0.62, 0.668)
     return Displacement(
-        parameter,
-        prior=Interval(0.24, 0.6, 0.96),
-        all_else=known,
-        posterior=Interval(median - 0.02, median, median + 0.02),
-        measured=None,
-        moved=moved,
+        parameter="volume_ratio",
+        meaning="of the part over its mould",
+        unit="–",
+        all_else_q05=0.571,
+        all_else_q50=0.62,
+        all_else_q95=0.668,
+        base_q50=median,
+        moved_sd=moved,
         learned=0.9,
-        score=moved,
-        p_value=adjusted,
-        adjusted=adjusted,
+        score_sd=moved,
+        p_alone=adjusted,
+        p_adjusted=adjusted,
     )
+
+
+def absorbed(*displacements, pushes=(), after=()):
+    return Absorption.complete(displacements, pushes, after)
 
 
 def push(*causes, share, factor=80.0):
@@ -215,7 +256,7 @@ def push(*causes, share, factor=80.0):
 
 HIGH = displaced(10.46, 0.0034, median=0.94)
 BACK = displaced(0.31, 1.0, median=0.629)
-ABSORBED = Absorption((HIGH,), (push("pressure_offset", share=0.97),), (BACK,))
+PUSH = push("pressure_offset", share=0.97)
 
 
 SCALES = {"curvature": (30.0, "κ", "1/m"), "bend angle": (90.0, "φ", "°")}
@@ -235,13 +276,16 @@ def missing_term(term, **changes):
 
 def described(*terms, causes=(), share=0.82, p_value=0.00498):
     levels = (
-        LevelMisfit("20 to 80 kPa", 72, 0.1, 0.02, 0.7),
-        LevelMisfit("160 to 200 kPa", 54, 0.7, -0.243, -2.25),
+        LevelMisfit(level="20 to 80 kPa", share_of_misfit=0.1, excess=0.02, excess_pct=0.7),
+        LevelMisfit(level="160 to 200 kPa", share_of_misfit=0.7, excess=-0.243, excess_pct=-2.25),
     )
-    columns = (
-        ColumnMisfit("specimen", share + 0.02, "curvature", "1/m", levels * 2),
-        ColumnMisfit("pressure", share, "curvature", "1/m", levels),
-        ColumnMisfit("level", 0.1, "curvature", "1/m", levels),
+    columns = tuple(
+        ColumnMisfit(column=name, share_of_misfit=of, kind="curvature", unit="1/m", levels=parts)
+        for name, of, parts in (
+            ("specimen", share + 0.02, levels * 2),
+            ("pressure", share, levels),
+            ("level", 0.1, levels),
+        )
     )
     trial = SimpleNamespace(names=frozenset(causes))
     step = Step(trial, None, np.zeros((0, 3)), {}, 4.0)
@@ -249,26 +293,24 @@ def described(*terms, causes=(), share=0.82, p_value=0.00498):
 
 
 RECORDS = {
-    "absorbed, pushed by a cause": ABSORBED,
-    "absorbed by several": replace(
-        ABSORBED,
-        displacements=(
-            HIGH,
-            replace(
-                HIGH, parameter=replace(HIGH.parameter, name="c1_at_0"), moved=-3.2, score=-3.2
-            ),
-        ),
+    "absorbed, pushed by a cause": absorbed(HIGH, pushes=(PUSH,), after=(BACK,)),
+    "absorbed by several": absorbed(
+        HIGH,
+        HIGH.model_copy(update={"parameter": "c1_at_0", "moved_sd": -3.2, "score_sd": -3.2}),
+        pushes=(replace(PUSH, shifts={**PUSH.shifts, "c1_at_0": 0.0}),),
+        after=(BACK,),
     ),
-    "absorbed, pushed by either": replace(
-        ABSORBED, pushes=(*ABSORBED.pushes, push("creep", share=0.8, factor=79.0))
+    "absorbed, pushed by either": absorbed(
+        HIGH, pushes=(PUSH, push("creep", share=0.8, factor=79.0)), after=(BACK,)
     ),
-    "absorbed, pushed by two together": replace(
-        ABSORBED,
+    "absorbed, pushed by two together": absorbed(
+        HIGH,
         pushes=(push("creep", share=0.4), push("creep", "mullins", share=1.1)),
+        after=(BACK,),
     ),
-    "absorbed, pushed by nothing known": Absorption((HIGH,), (push("creep", share=0.1),)),
-    "absorbed by nothing": Absorption((BACK,)),
-    "nothing could absorb": Absorption((replace(BACK, p_value=NAN, adjusted=NAN),)),
+    "absorbed, pushed by nothing known": absorbed(HIGH, pushes=(push("creep", share=0.1),)),
+    "absorbed by nothing": absorbed(BACK),
+    "nothing could absorb": absorbed(BACK.model_copy(update={"p_alone": NAN, "p_adjusted": NAN})),
     "structure left": StructureLeft(FACTOR.formula, FACTOR.columns, 0.163, 0, 0.00498, 200),
     "structure left, several": StructureLeft(ALONG.formula, (), 0.163, 4, 0.00498, 200),
     "a term describes the misfit": described(missing_term(FACTOR)),
@@ -286,7 +328,7 @@ RECORDS = {
     "counts that contradict": COUNTS,
     "counts of the study's own": replace(COUNTS, source="actuator.csv", p_value=0.4),
     "counts as expected": replace(
-        COUNTS, levels=(CountedLevel(0.0, 240.0, 3, 0, 0.1, 0.05, 0.2, 0.7),), p_value=1.0
+        COUNTS, levels=(counted_level(0.0, 0, 0.1, 0.05, 0.2, of_count=0.7),), p_value=1.0
     ),
     "counts explained": COUNTED,
     "counts explained by either": replace(COUNTED, tried=(*TWO, ALIKE)),
@@ -321,11 +363,11 @@ RECORDS = {
     "curvature, in two specimens": (CURVATURE, specimens("G7", "G1")),
     "curvature, in a branch": (
         CURVATURE,
-        Concentration("branch", ("unloading",), (4.2,), 0.8, 0.5, 0.004),
+        later("branch", "unloading", 0.8, 0.5),
     ),
     "curvature, after the first cycle": (
         CURVATURE,
-        Concentration("cycle", ("cycles after the first",), (4.2,), 1.0, 0.67, 0.004),
+        later("cycle", "cycles after the first", 1.0, 0.67),
     ),
     "stress in modes": STRESS,
     "stress in one mode": StressDeparture(STRESS.modes[:1], above=True),

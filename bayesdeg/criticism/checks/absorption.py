@@ -34,13 +34,12 @@ from scipy.special import logsumexp, ndtr
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.fit.linear import Linear, linearise
+from bayesdeg.criticism.findings import Displacement
+from bayesdeg.criticism.fit.linear import Linear, columns_of, linearise, with_neutral
 from bayesdeg.criticism.fit.search import LEAST_FACTOR, Names, Search
 from bayesdeg.criticism.fit.trials import BENT, CandidateFit
-from bayesdeg.criticism.outcome import MISFIT_LEVEL
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
+from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.model import JointModel
 from bayesdeg.priors import Flat, Parameter
 
@@ -52,9 +51,6 @@ times that are still below the deciding level."""
 LEAST_LEARNED = 0.01
 """Share of a parameter's variance that readings must remove for it to be judged: below that, they
 narrow it by less than half a percent."""
-MOVED = 1.645
-"""Least shift of a parameter in question, in standard deviations of all else: out of the 90 %
-interval. Weak readings may contradict all else without moving the parameter."""
 PUSHED = 0.5
 """Share of a displacement that a cause must remove to be said to push a parameter: it explains more
 than it leaves, in either direction."""
@@ -149,10 +145,6 @@ def all_else(model: JointModel, start: Floats) -> AllElse:
         found = max(found, more, key=lambda one: one.effective)
     if found.effective < FEWEST_EFFECTIVE:
         raise ValueError(f"all else is known from {found.effective:.0f} effective draws only")
-    return _weighted(found)
-
-
-def _weighted(found: Evidence) -> AllElse:
     kept = np.isfinite(found.log_weights)
     weights = np.exp(found.log_weights[kept] - logsumexp(found.log_weights[kept]))
     return AllElse(found.draws[kept], weights, found.effective)
@@ -210,24 +202,12 @@ def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
     return found
 
 
-@dataclass(frozen=True)
-class Interval:
-    """Median and 90 % interval of a parameter, in its unit."""
-
-    low: float
-    median: float
-    high: float
-
-    @classmethod
-    def of(cls, parameter: Parameter, draws: Floats, weights: Floats | None = None) -> "Interval":
-        """Return the interval of draws on the sampler's scale, (n,), weighted or not."""
-        return cls(
-            *(float(parameter.law.from_unconstrained(q)) for q in _quantiles(draws, weights))
-        )
+def _interval(parameter: Parameter, draws: Floats, weights: Floats | None = None) -> list[float]:
+    """Return median and 90 % interval of draws on the sampler's scale, (n,), in the unit."""
+    return [float(parameter.law.from_unconstrained(q)) for q in _quantiles(draws, weights)]
 
 
-NO_INTERVAL = Interval(float("nan"), float("nan"), float("nan"))
-"""The interval of a flat prior."""
+NO_INTERVAL = [float("nan")] * 3  # of a flat prior
 
 
 def _quantiles(draws: Floats, weights: Floats | None) -> Floats:
@@ -236,53 +216,6 @@ def _quantiles(draws: Floats, weights: Floats | None) -> Floats:
     order = np.argsort(draws)
     found: Floats = np.interp(QUANTILES, np.cumsum(weights[order]), draws[order])
     return found
-
-
-@dataclass(frozen=True)
-class Displacement:
-    """One calibrated parameter, and its value from all else.
-
-    Parameters
-    ----------
-    parameter : Parameter
-        With its prior.
-    prior, all_else, posterior : Interval
-        Of the prior, of all but the readings, and of the posterior.
-    measured : Measured or None
-        A measurement of the parameter alone; None where there is none.
-    moved : float
-        How far the posterior's mean is off that of all else, in standard deviations of all else on
-        the sampler's scale.
-    learned : float
-        s²/U, the share of the variance that the readings take [–]; 0 where they do not show it.
-    score : float
-        The same distance in standard deviations of what a right model gives, moved/√learned; nan
-        where it is not judged.
-    p_value, adjusted : float
-        Of the readings against all else, and with all parameters that were judged counted; nan
-        where it is not judged.
-    """
-
-    parameter: Parameter
-    prior: Interval
-    all_else: Interval
-    posterior: Interval
-    measured: Measured | None
-    moved: float
-    learned: float
-    score: float = float("nan")
-    p_value: float = float("nan")
-    adjusted: float = float("nan")
-
-    @property
-    def is_judged(self) -> bool:
-        """Whether the readings could have contradicted all else."""
-        return not np.isnan(self.p_value)
-
-    @property
-    def is_in_question(self) -> bool:
-        """Whether the readings contradict all else beyond chance and have moved the parameter."""
-        return self.is_judged and self.adjusted <= MISFIT_LEVEL and abs(self.moved) > MOVED
 
 
 def holm(p_values: Floats) -> Floats:
@@ -361,32 +294,49 @@ class Split:
         direct = measured(self.model, self.trial.mode)
         names = self.model.table.names
         found = [self._one(p, names.index(p.name), direct.get(p.name)) for p in self.model.base]
-        return tuple(_with_all_counted(found))
+        judged = [k for k, one in enumerate(found) if one.is_judged]
+        adjusted = holm(np.array([found[k].p_alone for k in judged]))
+        for k, p_value in zip(judged, adjusted, strict=True):
+            found[k] = found[k].model_copy(update={"p_adjusted": float(p_value)})
+        return tuple(found)
 
     def _one(self, parameter: Parameter, place: int, direct: Measured | None) -> Displacement:
         law, share = parameter.law, float(self.learned[place])
         is_flat = isinstance(law, Flat)
         is_unknown = is_flat and len(judged_kinds(self.model)) == len(self.model.observations)
-        known = Interval.of(parameter, self.known.draws[:, place], self.known.weights)
+        prior = NO_INTERVAL if is_flat else law.quantile(QUANTILES).tolist()
+        weighted = _interval(parameter, self.known.draws[:, place], self.known.weights)
+        known = NO_INTERVAL if is_unknown else weighted
+        base = _interval(parameter, self.draws[:, place])
         one = Displacement(
-            parameter,
-            prior=NO_INTERVAL if is_flat else Interval(*law.quantile(QUANTILES).tolist()),
-            all_else=NO_INTERVAL if is_unknown else known,
-            posterior=Interval.of(parameter, self.draws[:, place]),
-            measured=direct,
-            moved=float("nan") if is_unknown else float(self.moved[place]),
+            parameter=parameter.name,
+            meaning=parameter.meaning,
+            unit=parameter.unit,
+            prior_q05=prior[0],
+            prior_q50=prior[1],
+            prior_q95=prior[2],
+            all_else_q05=known[0],
+            all_else_q50=known[1],
+            all_else_q95=known[2],
+            base_q05=base[0],
+            base_q50=base[1],
+            base_q95=base[2],
+            measured=float("nan") if direct is None else direct.value,
+            measured_se=float("nan") if direct is None else direct.se,
+            measured_source="" if direct is None else direct.source,
+            moved_sd=float("nan") if is_unknown else float(self.moved[place]),
             learned=share,
         )
         is_shown = share >= LEAST_LEARNED and (direct is not None or not is_flat)
-        return self._tested(one, place) if is_shown else one
-
-    def _tested(self, one: Displacement, place: int) -> Displacement:
-        """Return it with the test of the readings alone against all else."""
-        sd, share = float(self.known.sd[place]), one.learned
-        centre = float(self.known.mean[place]) + sd * one.moved / share
+        if not is_shown:
+            return one
+        # the test of the readings alone against all else
+        sd = float(self.known.sd[place])
+        centre = float(self.known.mean[place]) + sd * one.moved_sd / share
         alone = sd * float(np.sqrt((1.0 - share) / share))
         p_value = self.known.p_value(place, centre, alone)
-        return replace(one, score=one.moved / float(np.sqrt(share)), p_value=p_value)
+        score = one.moved_sd / float(np.sqrt(share))
+        return one.model_copy(update={"score_sd": score, "p_alone": p_value})
 
     @cached_property
     def _films(self) -> Linear | None:
@@ -428,7 +378,8 @@ class Split:
         effect : PlacedEffect
             That of its causes.
         """
-        there = dict(zip(trial.subject.table.names, _mean_of(trial), strict=True))
+        mean = np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0)
+        there = dict(zip(trial.subject.table.names, mean, strict=True))
         back = np.mean(self.draws, axis=0) - [there[name] for name in self.model.table.names]
         return np.asarray((back - self._by_films(effect)) / self.known.sd)
 
@@ -439,18 +390,6 @@ class Split:
             return np.zeros(len(self.known.mean))
         moved = films.whiten_columns(films.jacobian @ self.trial.uncertain)
         return np.asarray(moved.T @ films.whiten_columns(effect.of(films.subject)))
-
-
-def _mean_of(trial: CandidateFit) -> Floats:
-    return np.asarray(np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0))
-
-
-def _with_all_counted(found: list[Displacement]) -> list[Displacement]:
-    judged = [k for k, one in enumerate(found) if one.is_judged]
-    adjusted = holm(np.array([found[k].p_value for k in judged]))
-    for k, p_value in zip(judged, adjusted, strict=True):
-        found[k] = replace(found[k], adjusted=float(p_value))
-    return found
 
 
 def split(trial: CandidateFit) -> Split:
@@ -550,7 +489,7 @@ class Push:
 
     def share(self, one: Displacement) -> float:
         """Return the explained share of a displacement [–]; nan if there is none."""
-        return self.shifts[one.parameter.name] / one.moved if one.moved else float("nan")
+        return self.shifts[one.parameter] / one.moved_sd if one.moved_sd else float("nan")
 
     def explains(self, one: Displacement) -> bool:
         """Return whether more of a displacement is removed than is left, see `PUSHED`."""
@@ -575,6 +514,32 @@ class Absorption:
     pushes: tuple[Push, ...] = ()
     after: tuple[Displacement, ...] = ()
 
+    @classmethod
+    def complete(
+        cls,
+        displacements: Iterable[Displacement],
+        pushes: tuple[Push, ...] = (),
+        after: tuple[Displacement, ...] = (),
+    ) -> "Absorption":
+        """Return displacements that know what pushed them, and where they are with the causes."""
+        given = cls(tuple(displacements), pushes, after)
+        return replace(given, displacements=tuple(map(given._completed, given.displacements)))
+
+    def _completed(self, one: Displacement) -> Displacement:
+        after, known = self.returned(one), dict[str, object]()
+        if after is not None:
+            known = {
+                "after_q05": after.base_q05,
+                "after_q50": after.base_q50,
+                "after_q95": after.base_q95,
+                "after_moved_sd": after.moved_sd,
+            }
+        pushes = self.pushed_by(one) if one.in_question else ()
+        if pushes:
+            known["pushed_by"] = tuple(push.causes for push in pushes)
+            known["pushed_share"] = pushes[0].share(one)
+        return one.model_copy(update=known)
+
     @property
     def judged(self) -> tuple[Displacement, ...]:
         """Parameters that the readings could have contradicted."""
@@ -583,8 +548,8 @@ class Absorption:
     @property
     def in_question(self) -> tuple[Displacement, ...]:
         """Parameters that the readings contradict, the most displaced first."""
-        found = [one for one in self.displacements if one.is_in_question]
-        return tuple(sorted(found, key=lambda one: -abs(one.score)))
+        found = [one for one in self.displacements if one.in_question]
+        return tuple(sorted(found, key=lambda one: -abs(one.score_sd)))
 
     def pushed_by(self, one: Displacement) -> tuple[Push, ...]:
         """Return the causes that would push a parameter to its value, the best first.
@@ -604,12 +569,11 @@ class Absorption:
 
     def of(self, name: str) -> Displacement | None:
         """Return the entry of a parameter of the base model; None if it does not exist."""
-        return next((one for one in self.displacements if one.parameter.name == name), None)
+        return next((one for one in self.displacements if one.parameter == name), None)
 
     def returned(self, one: Displacement) -> Displacement | None:
         """Return the entry of a parameter with the causes that the evidence favours."""
-        name = one.parameter.name
-        return next((other for other in self.after if other.parameter.name == name), None)
+        return next((other for other in self.after if other.parameter == one.parameter), None)
 
 
 def absorption(search: Search, chosen: Names) -> Absorption:
@@ -631,7 +595,7 @@ def absorption(search: Search, chosen: Names) -> Absorption:
         base = split(search.base)
         pushes = tuple(_pushes(search, base, chosen))
         after = split(search.trials[chosen]).displacements if chosen else ()
-    return Absorption(base.displacements, pushes, after)
+    return Absorption.complete(base.displacements, pushes, after)
 
 
 def _pushes(search: Search, base: Split, chosen: Names) -> Iterable[Push]:

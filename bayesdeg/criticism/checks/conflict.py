@@ -6,13 +6,12 @@ prior in place of a mean yields to many readings. Data simulated from the fitted
 reveal it, since they come from that same volume ratio.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.findings import Conflict, Questioned
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.means import Statistic
@@ -22,26 +21,6 @@ Floats = NDArray[np.float64]
 
 PRIOR_VALUES = 20_000  # prior draws: tails are known to 5e-5, for some 30 parameters to 0.0015
 INTERVAL = 0.999  # prior interval, as shown
-
-
-@dataclass(frozen=True)
-class Conflict:
-    """The measured mean that the calibrated model contradicts most.
-
-    Parameters
-    ----------
-    statistic : Statistic
-        What was measured.
-    wanted, wanted_sd : float
-        What the calibrated model has instead, in the quantity's unit.
-    p_value : float
-        Probability of a mean at least as far off, times the number of means that were compared.
-    """
-
-    statistic: Statistic
-    wanted: float
-    wanted_sd: float
-    p_value: float
 
 
 def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
@@ -68,42 +47,22 @@ def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
     if not found:
         return None
     worst = min(found, key=lambda one: one.p_value)
-    chance = min(1.0, worst.p_value * len(found))
-    return Conflict(worst.statistic, worst.wanted, worst.wanted_sd, chance)
+    return worst.model_copy(update={"p_value": min(1.0, worst.p_value * len(found))})
 
 
 def _of(statistic: Statistic, expected: Floats) -> Conflict:
     wanted, sd = float(np.mean(expected)), float(np.std(expected))
     far = abs(statistic.value - wanted) / float(np.hypot(statistic.se, sd))
     dof = statistic.dof
-    chance = float(2.0 * (stats.norm.sf(far) if np.isinf(dof) else stats.t.sf(far, dof)))
-    return Conflict(statistic, wanted, sd, chance)
-
-
-@dataclass(frozen=True)
-class Questioned:
-    """A parameter of the base model whose calibrated value its prior all but excludes.
-
-    Parameters
-    ----------
-    parameter : Parameter
-        With its prior.
-    value : float
-        Median of the posterior, in the parameter's unit.
-    p_value : float
-        Prior probability of values no more probable, times the number of parameters.
-    """
-
-    parameter: Parameter
-    value: float
-    p_value: float
-
-    @property
-    def expected(self) -> tuple[float, float]:
-        """The interval that holds 99.9 % of the prior."""
-        tails = np.array([0.5 - 0.5 * INTERVAL, 0.5 + 0.5 * INTERVAL])
-        low, high = self.parameter.law.quantile(tails)
-        return float(low), float(high)
+    return Conflict(
+        quantity=statistic.quantity,
+        measured=statistic.value,
+        standard_error=statistic.se,
+        source=statistic.source,
+        calibrated=wanted,
+        p_value=float(2.0 * (stats.norm.sf(far) if np.isinf(dof) else stats.t.sf(far, dof))),
+        calibrated_sd=sd,
+    )
 
 
 def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
@@ -130,11 +89,25 @@ def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
     values = model.table.named(vectors)
     medians = {parameter: float(np.median(values[parameter.name])) for parameter in model.base}
     found = (
-        Questioned(one, value, min(1.0, surprise(one.law, value) * len(medians)))
+        questioned_at(one, value, min(1.0, surprise(one.law, value) * len(medians)))
         for one, value in medians.items()
     )
     worst_first = sorted(found, key=lambda one: one.p_value)
     return tuple(one for one in worst_first if one.p_value <= MISFIT_LEVEL)
+
+
+def questioned_at(parameter: Parameter, median: float, p_value: float) -> Questioned:
+    """Return the record of a parameter calibrated to a median, with its 99.9 % prior interval."""
+    low, high = parameter.law.quantile(np.array([0.5 - 0.5 * INTERVAL, 0.5 + 0.5 * INTERVAL]))
+    return Questioned(
+        parameter=parameter.name,
+        meaning=parameter.meaning,
+        unit=parameter.unit,
+        median=median,
+        prior_low=float(low),
+        prior_high=float(high),
+        p_value=p_value,
+    )
 
 
 def surprise(law: Distribution, value: float) -> float:

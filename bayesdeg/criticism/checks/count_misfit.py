@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.findings import CountedLevel
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import (
     Chances,
@@ -44,23 +45,6 @@ PUBLISHED, OWN = "summary.csv", "actuator.csv"
 """Files with rupture counts."""
 EQUAL = 1e-9
 """Tolerance of a log probability: sets as probable as the counts, up to rounding."""
-
-
-class CountedLevel(NamedTuple):
-    """Ruptures at one degradation rate, and what the model expects.
-
-    ``probability`` is that of one actuator bursting below ``pressure`` [kPa], the mean over the
-    posterior, with its 5 and 95 % quantiles; ``chance`` is that of the observed number of ruptures.
-    """
-
-    degradation: float
-    pressure: float
-    tested: int
-    ruptured: int
-    probability: float
-    low: float
-    high: float
-    chance: float
 
 
 @dataclass(frozen=True)
@@ -97,12 +81,12 @@ class CountMisfit:
         return self.p_value < COUNT_LEVEL
 
     @property
-    def burst(self) -> int:
+    def burst(self) -> float:
         """Actuators that burst."""
         return sum(one.ruptured for one in self.levels)
 
     @property
-    def tested(self) -> int:
+    def tested(self) -> float:
         """Actuators that were tested."""
         return sum(one.tested for one in self.levels)
 
@@ -205,7 +189,9 @@ class CountLaw(NamedTuple):
         different, place = np.unique(counts.astype(int), axis=0, return_inverse=True)
         total = self.log_weights
         for level, tested in enumerate(self.tests.tested):
-            total = total + self._table(level, tested)[:, different[:, level]].T
+            every = np.arange(tested + 1.0)
+            here = Chances(*(part[:, level, None] for part in self.chances))
+            total = total + log_count(every, np.asarray(tested), here)[:, different[:, level]].T
         found: Floats = logsumexp(total, axis=1)[place]
         return found
 
@@ -225,23 +211,17 @@ class CountLaw(NamedTuple):
         chance = np.exp(logsumexp(each + self.log_weights[:, None], axis=0))
         return tuple(
             CountedLevel(
-                degradation=float(tests.degradation[k, 0]),
-                pressure=float(tests.pressure[k]),
+                degradation_pct=float(tests.degradation[k, 0]),
+                pressure_kPa=float(tests.pressure[k]),
                 tested=int(tests.tested[k]),
                 ruptured=int(tests.ruptured[k]),
                 probability=float(weights @ burst[:, k]),
-                low=float(low[k]),
-                high=float(high[k]),
-                chance=float(chance[k]),
+                probability_q05=float(low[k]),
+                probability_q95=float(high[k]),
+                count_probability=float(chance[k]),
             )
             for k in range(len(tests.specimens))
         )
-
-    def _table(self, level: int, tested: float) -> Floats:
-        """Return the log probability of every count at a level, (n, tested + 1)."""
-        every = np.arange(tested + 1.0)
-        here = Chances(*(part[:, level, None] for part in self.chances))
-        return log_count(every, np.asarray(tested), here)
 
 
 def can_be_counted(model: JointModel) -> bool:

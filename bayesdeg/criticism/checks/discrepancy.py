@@ -90,24 +90,17 @@ def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, 
         kinds = list(dict.fromkeys(places.kind[rows].tolist()))
         shapes = list(_shapes(places.subset(rows)))
         for of_others in ALIKE if len(kinds) > 1 else ALIKE[:1]:
-            envelope = _envelope(places, mean, rows, kinds, of_others)[rows]
+            envelope = np.zeros(len(mean))  # size of the readings, with a floor for small ones
+            for number, kind in enumerate(kinds):
+                own = rows & (places.kind == kind)
+                size = np.abs(mean[own])
+                share = 1.0 if number == 0 else of_others
+                envelope[own] = share * (size + 0.1 * size.max(initial=0.0))
             for label, kernel in shapes:
-                root = _root(kernel * np.outer(envelope, envelope))
+                root = _root(kernel * np.outer(envelope[rows], envelope[rows]))
                 whole = np.zeros((len(rows), root.shape[1]))
                 whole[rows] = root
                 yield family, label, whole
-
-
-def _envelope(
-    places: Places, mean: Floats, rows: NDArray[np.bool_], kinds: list[str], of_others: float
-) -> Floats:
-    """Return the size of the readings, with a floor for small ones; 0 in other families."""
-    envelope = np.zeros(len(mean))
-    for number, kind in enumerate(kinds):
-        own = rows & (places.kind == kind)
-        size = np.abs(mean[own])
-        envelope[own] = (1.0 if number == 0 else of_others) * (size + 0.1 * size.max(initial=0.0))
-    return envelope
 
 
 def _shapes(places: Places) -> Iterator[tuple[str, Floats]]:
@@ -207,13 +200,16 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
     statistic, best = largest_ratio(linear.observed[None], kernels)
     null, _ = largest_ratio(linear.whiten(simulated[known]), kernels)
     kernel = kernels[int(best[0]) // len(AMPLITUDES)]
+    amplitude = AMPLITUDES[int(best[0]) % len(AMPLITUDES)]
+    signal = amplitude**2 * kernel.values
+    shrunk = kernel.vectors @ ((signal / (1.0 + signal)) * (linear.observed @ kernel.vectors))
     return Misfit(
         statistic=float(statistic[0]),
         null=null,
         p_value=_p_value(float(statistic[0]), null),
         family=kernel.family,
         label=kernel.label,
-        discrepancy=_posterior_mean(linear, kernel, AMPLITUDES[int(best[0]) % len(AMPLITUDES)]),
+        discrepancy=linear.whitening.coloured(shrunk),
         lost=1.0 - float(np.mean(known)) if len(known) else 0.0,
         drawn=len(known),
     )
@@ -348,12 +344,6 @@ def largest_ratio(
         ratios.append(gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None])
     table = np.concatenate(ratios)
     return np.maximum(table.max(axis=0), 0.0), table.argmax(axis=0)
-
-
-def _posterior_mean(linear: Linear, kernel: Discrepancy, amplitude: float) -> Floats:
-    signal = amplitude**2 * kernel.values
-    shrunk = kernel.vectors @ ((signal / (1.0 + signal)) * (linear.observed @ kernel.vectors))
-    return linear.whitening.coloured(shrunk)
 
 
 def interval_with_discrepancy(trial: CandidateFit, name: str) -> tuple[float, float]:

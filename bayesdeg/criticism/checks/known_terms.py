@@ -378,7 +378,12 @@ def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> Kno
         known = known_of(linear, rows, batches or {})
         for term in _terms_of(linear, rows, known):
             terms.append(term)
-            columns.append(_direction(term, places, rows, known, linear.prediction, slope))
+            whole = np.zeros(len(places))
+            kinds = places.kind[rows]
+            for kind in term.kinds:
+                changed = term.change(kind, known, linear.prediction[rows], slope[rows])
+                whole[np.flatnonzero(rows)[kinds == kind]] = changed[kinds == kind]
+            columns.append(whole)
     order = sorted(range(len(terms)), key=lambda i: terms[i].complexity)
     directions = np.array([columns[i] for i in order]).reshape(len(terms), len(places)).T
     return _offered(linear, [terms[i] for i in order], directions)
@@ -399,23 +404,6 @@ def _offered(linear: Linear, terms: Sequence[KnownTerm], directions: Floats) -> 
     count = np.bincount(complexity, minlength=1)
     penalty = np.log(count[complexity]) if len(found) else np.zeros(0)
     return KnownTerms(found, directions[:, kept], whitened[:, kept], penalty)
-
-
-def _direction(
-    term: KnownTerm,
-    places: Places,
-    rows: Flags,
-    known: KnownColumns,
-    reading: Floats,
-    slope: Floats,
-) -> Floats:
-    """Return the change of all readings by a term of one family, (n,)."""
-    whole = np.zeros(len(places))
-    kinds = places.kind[rows]
-    for kind in term.kinds:
-        changed = term.change(kind, known, reading[rows], slope[rows])
-        whole[np.flatnonzero(rows)[kinds == kind]] = changed[kinds == kind]
-    return whole
 
 
 def slopes_along(places: Places, readings: Floats) -> Floats:
@@ -448,10 +436,15 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownCo
     places = linear.subject.places.subset(rows)
     path = path_of(linear, places)
     tops = _tops(places, linear.prediction[rows])
+    lag = np.zeros(len(places))  # of the path below its largest value so far, as it was read
+    keys = np.char.add(np.char.add(places.specimen, "\n"), places.kind)
+    for key in np.unique(keys):
+        those = np.flatnonzero(keys == key)
+        lag[those] = np.maximum.accumulate(places.along[those]) - places.along[those]
     numbers = {
         path.column: places.along - AT_REST.get(str(places.family[0]), 0.0),
         SIZE: np.abs(linear.prediction[rows]) / np.array([tops[kind] for kind in places.kind]),
-        LAG.column: _lag(places),
+        LAG.column: lag,
         DEGRADATION.column: places.level,
         TIME.column: places.time,
         HUMIDITY.column: places.humidity,
@@ -459,7 +452,9 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownCo
     modulus = _modulus(linear, places)
     if modulus is not None:
         numbers[LOAD.column] = 1e-3 * places.along / modulus
-    labels = {RATE.column: _rates(places)}
+    unit = " %" if places.family[0] in PATHS else ""
+    centres, member = levels(places.level)
+    labels = {RATE.column: np.array([f"{centre:.3g}{unit}" for centre in centres])[member]}
     labels[BATCH.column] = np.array([batches.get(str(name), "") for name in places.specimen])
     split = _histories(places)
     if split is None:
@@ -494,16 +489,6 @@ def _tops(places: Places, readings: Floats) -> dict[str, float]:
     }
 
 
-def _lag(places: Places) -> Floats:
-    """Return the distance of the path below its largest value so far, in order of the readings."""
-    found = np.zeros(len(places))
-    keys = np.char.add(np.char.add(places.specimen, "\n"), places.kind)
-    for key in np.unique(keys):
-        rows = np.flatnonzero(keys == key)
-        found[rows] = np.maximum.accumulate(places.along[rows]) - places.along[rows]
-    return found
-
-
 def _modulus(linear: Linear, places: Places) -> Floats | None:
     """Return 6 C1 at the degradation rate of each reading [MPa]; None if x is not a pressure."""
     model = linear.subject
@@ -512,13 +497,6 @@ def _modulus(linear: Linear, places: Places) -> Floats | None:
     rates, place = np.unique(places.level, return_inverse=True)
     moduli = model.young_modulus(model.table.named(linear.mode[None]), rates)[0]
     return np.asarray(moduli[place])
-
-
-def _rates(places: Places) -> Labels:
-    """Return the formatted degradation rate of the group of each reading."""
-    unit = " %" if places.family[0] in PATHS else ""
-    centres, member = levels(places.level)
-    return np.array([f"{centre:.3g}{unit}" for centre in centres])[member]
 
 
 def _histories(places: Places) -> Labels | None:
@@ -538,16 +516,16 @@ def _terms_of(linear: Linear, rows: Flags, known: KnownColumns) -> Iterator[Know
     longest = float(np.max(np.abs(known.numbers[path.column])))
     plain = KnownTerm(str(places.family[0]), kinds, Acts.FACTOR, (), path, scales, longest)
     loads, states = list(_of_load(path, known)), list(_of_state(places, known))
-    pairs = [(one, other) for one, other in product(loads, states) if _go_together(one, other)]
+    # groups are combined only with trends
+    pairs = [
+        (one, other)
+        for one, other in product(loads, states)
+        if other.form is not Form.MEMBER or (one.form is Form.POWER and one.end == 1)
+    ]
     functions = [(), *((one,) for one in (*loads, *states)), *pairs]
     alone = [(kind,) for kind in kinds] if len(kinds) > 1 else []
     for acts, some, of in product(Acts, functions, [kinds, *alone]):
         yield replace(plain, acts=acts, functions=some, kinds=of)
-
-
-def _go_together(load: KnownFunction, state: KnownFunction) -> bool:
-    """Return whether a product is tried: groups are combined only with trends."""
-    return state.form is not Form.MEMBER or (load.form is Form.POWER and load.end == 1)
 
 
 def _of_load(path: Quantified, known: KnownColumns) -> Iterator[KnownFunction]:
@@ -590,7 +568,10 @@ def _of_state(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
             yield KnownFunction(of._replace(column=DEGRADATION.column), Form.POWER,
                                 float(np.max(np.abs(rates))), end=power)  # fmt: skip
     if TIME.column in known.numbers and np.ptp(known.numbers[TIME.column]) > 0.0:
-        yield from _of_time(known.numbers[TIME.column])
+        time = known.numbers[TIME.column]
+        yield KnownFunction(TIME, Form.POWER, float(np.max(time)), end=1)
+        first = 0.1 * float(np.median(time[time > 0.0]))
+        yield KnownFunction(TIME, Form.LOGARITHM, first)
     humidity = known.numbers.get(HUMIDITY.column)
     if humidity is not None and np.ptp(humidity) > 0.0:
         middle = float(np.median(humidity))
@@ -599,18 +580,6 @@ def _of_state(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     if cycle is not None and np.max(cycle) > 0.0:
         yield KnownFunction(CYCLE, Form.ABOVE, float(np.max(cycle)), 0.0)
         yield KnownFunction(CYCLE, Form.LOGARITHM, 1.0)
-    yield from _groups(places, known)
-
-
-def _of_time(time: Floats) -> Iterator[KnownFunction]:
-    """Yield functions of time; the logarithm begins at the median reading's tenth."""
-    yield KnownFunction(TIME, Form.POWER, float(np.max(time)), end=1)
-    first = 0.1 * float(np.median(time[time > 0.0]))
-    yield KnownFunction(TIME, Form.LOGARITHM, first)
-
-
-def _groups(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
-    """Yield memberships of groups that hold several specimens, but not all readings."""
     rate = RATE if places.family[0] in PATHS else LEVEL
     names = {column.column: column for column in (BRANCH, MOUNT, HISTORY, BATCH, rate)}
     for column, labels in known.labels.items():

@@ -18,7 +18,6 @@ first kind, also over the mean size of what the model predicts there.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +36,7 @@ from bayesdeg.criticism.checks.known_terms import (
     path_of,
     reading_unit,
 )
+from bayesdeg.criticism.findings import ColumnMisfit, LevelMisfit
 from bayesdeg.criticism.fit.linear import Linear
 
 Floats = NDArray[np.float64]
@@ -44,59 +44,6 @@ Flags = NDArray[np.bool_]
 
 PARTS = 3  # equal-count parts of a numeric column
 FAINT = 1e-6  # relative to the largest: a direction spanned by the others
-
-
-@dataclass(frozen=True)
-class LevelMisfit:
-    """The misfit in one level of a column.
-
-    Parameters
-    ----------
-    label : str
-        Which level.
-    readings : int
-        How many were taken there.
-    share : float
-        Of the misfit, by a scale and a trend of this level alone.
-    excess : float
-        Mean of measured less simulated after the refit, in the unit of the reading.
-    excess_pct : float
-        The same over the mean size of the simulated [%].
-    """
-
-    label: str
-    readings: int
-    share: float
-    excess: float
-    excess_pct: float
-
-
-@dataclass(frozen=True)
-class ColumnMisfit:
-    """The misfit in the levels of one column.
-
-    Parameters
-    ----------
-    column : str
-        Its name, in words.
-    share : float
-        Of the misfit, by a scale and a trend of each level.
-    kind, unit : str
-        Which reading the sizes are of, and in which unit.
-    levels : tuple of LevelMisfit
-        In the order of their values.
-    """
-
-    column: str
-    share: float
-    kind: str
-    unit: str
-    levels: tuple[LevelMisfit, ...]
-
-    @property
-    def worst(self) -> LevelMisfit:
-        """The level with the largest share."""
-        return max(self.levels, key=lambda one: one.share)
 
 
 def misfit_columns(
@@ -128,11 +75,32 @@ def misfit_columns(
     parts = {name: _by_level(linear, rows, labels) for name, labels in columns.items()}
     gains = {n: _gain(linear, np.hstack([*own.values()]), data) for n, own in parts.items()}
     ceiling = max([ceiling, *gains.values()])
+    kinds = linear.subject.places.kind[rows]
+    kind, unit = str(kinds[0]), reading_unit(linear, str(kinds[0]))
+    left, size = linear.unexplained(linear.observed)[rows], np.abs(linear.prediction[rows])
     found = []
     for name, labels in columns.items():
-        shares = {level: _gain(linear, own, data) / ceiling for level, own in parts[name].items()}
-        found.append(_column(linear, rows, name, labels, shares, gains[name] / ceiling))
-    return tuple(sorted(found, key=lambda one: -one.share))
+        each = []
+        for level, own in parts[name].items():
+            here = labels == level
+            read = here & (kinds == kind) if np.any(here & (kinds == kind)) else here
+            excess = float(np.mean(left[read]))
+            each.append(
+                LevelMisfit(
+                    level=level,
+                    readings=int(np.sum(here)),
+                    share_of_misfit=_gain(linear, own, data) / ceiling,
+                    excess=excess,
+                    excess_pct=100.0 * excess / max(float(np.mean(size[read])), 1e-300),
+                )
+            )
+        share = gains[name] / ceiling
+        found.append(
+            ColumnMisfit(
+                column=name, share_of_misfit=share, kind=kind, unit=unit, levels=tuple(each)
+            )
+        )
+    return tuple(sorted(found, key=lambda one: -one.share_of_misfit))
 
 
 def _columns(
@@ -165,44 +133,21 @@ def _thirds(values: Floats, unit: str) -> NDArray[np.str_]:
 
 
 def _by_level(linear: Linear, rows: Flags, labels: NDArray[np.str_]) -> dict[str, Floats]:
-    """Return the directions of each level of a column, in the order along the path."""
+    """Return the directions of each level of a column, in the order along the path, (n, r) each.
+
+    A scale and a trend along the path for each kind of reading.
+    """
     places, found = linear.subject.places, {}
     for level in dict.fromkeys(labels[np.argsort(places.along[rows], kind="stable")].tolist()):
         own = np.zeros(len(rows), dtype=bool)
         own[rows] = labels == level
-        found[level] = _directions(linear, own)
-    return found
-
-
-def _column(
-    linear: Linear,
-    rows: Flags,
-    name: str,
-    labels: NDArray[np.str_],
-    shares: Mapping[str, float],
-    share: float,
-) -> ColumnMisfit:
-    kinds = linear.subject.places.kind[rows]
-    kind = str(kinds[0])
-    left, size = linear.unexplained(linear.observed)[rows], np.abs(linear.prediction[rows])
-    levels = []
-    for level, own in shares.items():
-        here = labels == level
-        read = here & (kinds == kind) if np.any(here & (kinds == kind)) else here
-        excess = float(np.mean(left[read]))
-        relative = 100.0 * excess / max(float(np.mean(size[read])), 1e-300)
-        levels.append(LevelMisfit(level, int(np.sum(here)), own, excess, relative))
-    return ColumnMisfit(name, share, kind, reading_unit(linear, kind), tuple(levels))
-
-
-def _directions(linear: Linear, own: Flags) -> Floats:
-    """Return a scale and a trend along the path of some readings, for each kind, (n, r)."""
-    places, columns = linear.subject.places, []
-    for kind in np.unique(places.kind[own]):
-        size = np.where(own & (places.kind == kind), linear.prediction, 0.0)
         middle, length = float(np.mean(places.along[own])), float(np.ptp(places.along[own]))
-        columns += [size, size * (places.along - middle) / max(length, 1e-12)]
-    return np.column_stack(columns)
+        columns = []
+        for kind in np.unique(places.kind[own]):
+            size = np.where(own & (places.kind == kind), linear.prediction, 0.0)
+            columns += [size, size * (places.along - middle) / max(length, 1e-12)]
+        found[level] = np.column_stack(columns)
+    return found
 
 
 def _gain(linear: Linear, directions: Floats, data: Floats) -> float:

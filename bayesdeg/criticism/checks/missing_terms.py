@@ -41,6 +41,7 @@ from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit, discrepancies, largest_ratio
 from bayesdeg.criticism.checks.known_terms import LEAST_LEFT, KnownTerm, KnownTerms, known_terms
 from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.criticism.holdout.held_out import standard_error
 
 Floats = NDArray[np.float64]
 
@@ -242,7 +243,8 @@ def search_terms(
         less = np.where(open_ones, offered.penalty, np.inf)
         unit = directions / scale
         gains = 0.5 * (observed @ unit) ** 2 - less
-        best = _simplest(offered, gains)
+        close = np.flatnonzero(gains > np.max(gains) - BARELY)
+        best = int(min(close, key=lambda i: (*offered.terms[i].simplicity, -gains[i])))
         chance = np.max(0.5 * (null @ unit) ** 2 - less, axis=1) if len(null) else np.zeros(0)
         p_value = float(chance_of(float(np.max(gains)), chance)) if len(null) else float("nan")
         found.append(Pick(best, gains, p_value))
@@ -251,12 +253,6 @@ def search_terms(
         along = unit[:, best]
         directions = directions - np.outer(along, along @ directions)
     return tuple(found)
-
-
-def _simplest(offered: KnownTerms, gains: Floats) -> int:
-    """Return the simplest term whose gain is close to the best."""
-    close = np.flatnonzero(gains > np.max(gains) - BARELY)
-    return int(min(close, key=lambda i: (*offered.terms[i].simplicity, -gains[i])))
 
 
 def _given(picks: Sequence[Pick], held: Floats | None) -> int:
@@ -274,7 +270,7 @@ def _given(picks: Sequence[Pick], held: Floats | None) -> int:
 def _gain_of(held: Floats, place: int) -> tuple[float, float]:
     """Return the gain of one more term in all folds, and its standard error [nats]."""
     own = held[:, place + 1] - held[:, place]
-    return float(np.sum(own)), float(np.std(own, ddof=1) * np.sqrt(len(own)))
+    return float(np.sum(own)), standard_error(own)
 
 
 def _described(
@@ -292,60 +288,35 @@ def _described(
     covariance = np.linalg.inv(whitened.T @ whitened)
     sizes, errors = covariance @ (whitened.T @ linear.observed), np.sqrt(np.diag(covariance))
     shares = _shares(linear, whitened, misfit)
-    return tuple(
-        _term(
-            linear, offered, pick, place, (float(sizes[place]), float(errors[place])), held, shares
+    kind, found = linear.subject.places.kind, []
+    for place, pick in enumerate(picks):
+        term, mean, error = offered.terms[pick.index], float(sizes[place]), float(errors[place])
+        gain, gain_error = (None, None) if held is None else _gain_of(held, place)
+        behind, alike = pick.gains[pick.index] - pick.gains, []
+        for i in np.argsort(behind):
+            if behind[i] < AS_GOOD and i != pick.index:
+                own = offered.whitened[:, i]
+                size = float(own @ linear.observed / (own @ own)) * offered.terms[i].per_unit
+                alike.append(AlikeTerm(offered.terms[i], size, float(behind[i])))
+        change = mean * offered.directions[:, pick.index]
+        relative = (np.max(np.abs(change[kind == k])) / term.scales[k][0] for k in term.kinds)
+        found.append(
+            MissingTerm(
+                term=term,
+                size=term.per_unit * mean,
+                low=term.per_unit * (mean - QUANTILE * error),
+                high=term.per_unit * (mean + QUANTILE * error),
+                gain=float(pick.gains[pick.index] + offered.penalty[pick.index]),
+                p_value=pick.p_value,
+                share=shares[place],
+                held_out=gain,
+                held_out_se=gain_error,
+                alike=tuple(alike[:MOST_ALIKE]),
+                count_alike=len(alike),
+                change=change,
+                largest=float(max(relative)),
+            )
         )
-        for place, pick in enumerate(picks)
-    )
-
-
-def _term(
-    linear: Linear,
-    offered: KnownTerms,
-    pick: Pick,
-    place: int,
-    size: tuple[float, float],
-    held: Floats | None,
-    shares: Sequence[float],
-) -> MissingTerm:
-    term, (mean, error) = offered.terms[pick.index], size
-    unit = term.per_unit
-    gain = None if held is None else _gain_of(held, place)
-    alike = _alike(linear, offered, pick)
-    return MissingTerm(
-        term=term,
-        size=unit * mean,
-        low=unit * (mean - QUANTILE * error),
-        high=unit * (mean + QUANTILE * error),
-        gain=float(pick.gains[pick.index] + offered.penalty[pick.index]),
-        p_value=pick.p_value,
-        share=shares[place],
-        held_out=None if gain is None else gain[0],
-        held_out_se=None if gain is None else gain[1],
-        alike=alike[:MOST_ALIKE],
-        count_alike=len(alike),
-        change=mean * offered.directions[:, pick.index],
-        largest=_largest(linear, term, mean * offered.directions[:, pick.index]),
-    )
-
-
-def _largest(linear: Linear, term: KnownTerm, change: Floats) -> float:
-    """Return the largest change of a reading relative to the largest reading of its kind."""
-    kind = linear.subject.places.kind
-    found = (np.max(np.abs(change[kind == one])) / term.scales[one][0] for one in term.kinds)
-    return float(max(found))
-
-
-def _alike(linear: Linear, offered: KnownTerms, pick: Pick) -> tuple[AlikeTerm, ...]:
-    """Return the terms that fit as well as the best of one step, the best first."""
-    behind = pick.gains[pick.index] - pick.gains
-    close = [i for i in np.argsort(behind) if behind[i] < AS_GOOD and i != pick.index]
-    found = []
-    for i in close:
-        own = offered.whitened[:, i]
-        size = float(own @ linear.observed / (own @ own)) * offered.terms[i].per_unit
-        found.append(AlikeTerm(offered.terms[i], size, float(behind[i])))
     return tuple(found)
 
 

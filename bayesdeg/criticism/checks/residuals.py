@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit
+from bayesdeg.criticism.findings import Concentration
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
@@ -454,36 +455,6 @@ FEW, FEW_OF_ALL = 3, 0.25  # most specimens that count as a few
 
 
 @dataclass(frozen=True)
-class Concentration:
-    """Concentration of most of a misfit.
-
-    Parameters
-    ----------
-    kind : str
-        ``branch``, ``cycle``, ``hold`` or ``specimen``.
-    members : tuple of str
-        ``unloading``; ``cycle 2`` or ``cycles after the first``; ``readings after a hold``; or the
-        names of specimens.
-    excess : tuple of float
-        By how much of the simulated each lies above the other readings, as far as that differs
-        from the simulation [%].
-    share : float
-        Of the misfit statistic.
-    readings : float
-        Share of the readings.
-    p_value : float
-        Share of simulated data in which the best of all groups gains as much, (1 + #)/(1 + n).
-    """
-
-    kind: str
-    members: tuple[str, ...]
-    excess: tuple[float, ...]
-    share: float
-    readings: float
-    p_value: float
-
-
-@dataclass(frozen=True)
 class _Group:
     kind: str
     name: str
@@ -521,7 +492,14 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
         return None
     excess = tuple(_excess(linear, group, family) for group in chosen)
     names = tuple(group.name for group in chosen)
-    return Concentration(chosen[0].kind, names, excess, share, readings, float(p_values[best]))
+    return Concentration(
+        kind=chosen[0].kind,
+        members=names,
+        excess_pct=excess,
+        share_of_misfit=share,
+        share_of_readings=readings,
+        p_value=float(p_values[best]),
+    )
 
 
 def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) -> tuple[_Group, ...]:
@@ -545,32 +523,22 @@ def _groups(places: Places) -> Iterator[_Group]:
     for name in specimens if len(specimens) >= 1 / FEW_OF_ALL else ():
         yield _Group(SPECIMEN, str(name), family & (places.specimen == name))
     if of_actuators:
-        yield from _histories(places, family)
+        split = np.full((len(family), 3), "", dtype=np.array(places.history).dtype)
+        split[family] = [history.split() for history in places.history[family]]
+        branch, cycle, mount = split.T
+        found = [_Group(BRANCH, "unloading", branch == "unloading")]
+        later = [str(c) for c in np.unique(cycle[family]) if c != "1"]
+        found += [_Group(CYCLE, f"cycle {name}", cycle == name) for name in later]
+        if len(later) > 1:
+            found.append(_Group(CYCLE, "cycles after the first", family & (cycle != "1")))
+        keys = np.stack([places.specimen, places.kind, places.history])
+        same = np.all(keys[:, 1:] == keys[:, :-1], axis=0) & (np.diff(places.along) == 0.0)
+        found.append(_Group(HOLD, "readings after a hold", family & np.append(False, same)))
+        found += [_Group(OTHER, "mount", mount == name) for name in np.unique(mount[family])]
+        yield from (one for one in found if 0 < np.sum(one.rows) < np.sum(family))
     else:
         for mode in np.unique(places.history[family]):
             yield _Group(OTHER, "mode", family & (places.history == mode))
-
-
-def _histories(places: Places, family: Flags) -> Iterator[_Group]:
-    """Yield branches, cycles, held readings and mounts: those that are not all readings."""
-    split = np.full((len(family), 3), "", dtype=np.array(places.history).dtype)
-    split[family] = [history.split() for history in places.history[family]]
-    branch, cycle, mount = split.T
-    found = [_Group(BRANCH, "unloading", branch == "unloading")]
-    later = [str(c) for c in np.unique(cycle[family]) if c != "1"]
-    found += [_Group(CYCLE, f"cycle {name}", cycle == name) for name in later]
-    if len(later) > 1:
-        found.append(_Group(CYCLE, "cycles after the first", family & (cycle != "1")))
-    found.append(_Group(HOLD, "readings after a hold", family & _held(places)))
-    found += [_Group(OTHER, "mount", mount == name) for name in np.unique(mount[family])]
-    yield from (one for one in found if 0 < np.sum(one.rows) < np.sum(family))
-
-
-def _held(places: Places) -> Flags:
-    """Return a mask of readings at the same pressure as the previous one on their path."""
-    keys = np.stack([places.specimen, places.kind, places.history])
-    same = np.all(keys[:, 1:] == keys[:, :-1], axis=0) & (np.diff(places.along) == 0.0)
-    return np.append(False, same)
 
 
 def _gain(linear: Linear, groups: tuple[_Group, ...], data: Floats) -> Floats:

@@ -1,44 +1,16 @@
 """Test of ruptures against the model, calibrated by simulation."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.findings import RuptureMisfit
 from bayesdeg.inference.model import JointModel, replicate
 
 Floats = NDArray[np.float64]
 
 FEWEST = 19
 """Fewest simulated data sets with which a p-value can reach 0.05, for judging ruptures."""
-
-
-@dataclass(frozen=True)
-class RuptureMisfit:
-    """Result of the test of ruptures.
-
-    Parameters
-    ----------
-    burst : int
-        Actuators that burst.
-    expected : float
-        How many do in simulated data on average.
-    deviance : float
-        −2 Σ ln of the probability of what each did, averaged over the posterior.
-    p_value : float
-        Share of simulated data sets that are at least as improbable; nan where fewer than `FEWEST`
-        have a probability at all.
-    known, drawn : int
-        Data sets that have one, of so many that were simulated.
-    """
-
-    burst: int
-    expected: float
-    deviance: float
-    p_value: float
-    known: int = 0
-    drawn: int = 0
 
 
 def rupture_misfit(
@@ -76,12 +48,12 @@ def rupture_misfit(
     count = int(np.sum(known))
     excess = np.array(simulated)[known] - observed[known]
     return RuptureMisfit(
-        happened,
-        float(np.mean(bursts)),
-        float(np.mean(observed[known])) if count else float("nan"),
-        float(chance_of(0.0, excess, fewest=FEWEST)),
-        count,
-        len(vectors),
+        burst=happened,
+        expected=float(np.mean(bursts)),
+        deviance=float(np.mean(observed[known])) if count else float("nan"),
+        p_value=float(chance_of(0.0, excess, fewest=FEWEST)),
+        known=count,
+        drawn=len(vectors),
     )
 
 

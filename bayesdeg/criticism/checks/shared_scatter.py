@@ -10,15 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import FEWEST
-from bayesdeg.criticism.fit.linear import is_seen
+from bayesdeg.criticism.fit.linear import columns_of, is_seen
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
-from bayesdeg.criticism.subject import columns_of
 from bayesdeg.material.degradation import levels
-from bayesdeg.observations.kinds import Deviations
 
 Floats = NDArray[np.float64]
 
@@ -92,23 +89,18 @@ def shared_scatter(trial: CandidateFit, simulated: Floats) -> list[SharedScatter
     found = []
     for cause in trial.subject.causes:
         own = trial.subject.deviations(trial.mode)
-        added = _added_scatter(trial, cause, own)
+        subject, linear = trial.subject, trial.linear
+        unseen = ~is_seen(linear.whiten_columns(linear.jacobian))
+        neutral = trial.mode.copy()
+        for column, parameter in zip(columns_of(subject, cause), cause.parameters, strict=True):
+            if unseen[column]:
+                neutral[column] = float(parameter.law.to_unconstrained(parameter.neutral or 0.0))
+        without = subject.deviations(neutral).spread
+        added = linear.whiten_columns(own.slope * np.sqrt(np.maximum(own.spread - without, 0.0)))
         if np.any(is_seen(added)):
             level = levels(own.level)[1]
             found.append(_tested(trial, cause.name, added, level, simulated))
     return found
-
-
-def _added_scatter(trial: CandidateFit, cause: Cause, own: Deviations) -> Floats:
-    """Return the whitened effect of one sd of a cause's scatter, (n, n_specimens)."""
-    subject, linear = trial.subject, trial.linear
-    unseen = ~is_seen(linear.whiten_columns(linear.jacobian))
-    neutral = trial.mode.copy()
-    for column, parameter in zip(columns_of(subject, cause), cause.parameters, strict=True):
-        if unseen[column]:
-            neutral[column] = float(parameter.law.to_unconstrained(parameter.neutral or 0.0))
-    without = subject.deviations(neutral).spread
-    return linear.whiten_columns(own.slope * np.sqrt(np.maximum(own.spread - without, 0.0)))
 
 
 def _tested(

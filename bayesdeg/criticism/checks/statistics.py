@@ -337,11 +337,30 @@ def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
 
 def other_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
     """Return statistics of readings on neither actuators nor films."""
-    families = dict.fromkeys(linear.subject.places.family.tolist())
+    places = linear.subject.places
     found: list[ResidualStatistic] = []
-    for family in families:
-        if family not in (ACTUATOR, FILM):
-            found += _of_family(linear, family)
+    for family in dict.fromkeys(places.family.tolist()):
+        if family in (ACTUATOR, FILM):
+            continue
+        size = np.where(places.family == family, linear.prediction, 0.0)
+        for along, values in (
+            ("the path", places.along),
+            ("the level", places.level),
+            ("time", places.time),
+        ):
+            found.append(_trend(linear, size, values, family=family, along=along))
+        found.append(
+            ResidualStatistic(
+                f"variance between specimens, over the model's ({family})",
+                "–",
+                "specimens of one level differ more than the model allows",
+                "specimens of one level differ less than the model allows",
+                between_specimens(linear, size),
+                "needs several specimens at one level",
+                neutral=1.0,
+                squares=True,
+            )
+        )
     return tuple(found)
 
 
@@ -354,7 +373,11 @@ def _modes(linear: Linear, size: Floats) -> list[ResidualStatistic]:
         return [ResidualStatistic("difference between modes of tension", "MPa", "", "", None, why)]
     first = "uniaxial" if "uniaxial" in modes else modes[0]
     rest = [mode for mode in modes if mode != first]
-    scaled = {mode: _of_mean_one(size, places.history == mode) for mode in rest}
+    scaled = {}  # each of mean 1 over its own readings
+    for mode in rest:
+        own = places.history == mode
+        mean = np.mean(np.abs(size[own & (size != 0.0)]))
+        scaled[mode] = np.where(own, size, 0.0) / mean
     return [
         ResidualStatistic(
             f"{mode} against {first} tension",
@@ -372,11 +395,6 @@ def _modes(linear: Linear, size: Floats) -> list[ResidualStatistic]:
     ]
 
 
-def _of_mean_one(size: Floats, rows: NDArray[np.bool_]) -> Floats:
-    own = np.where(rows, size, 0.0)
-    return np.asarray(own / np.mean(np.abs(size[rows & (size != 0.0)])))
-
-
 def _scatter_of_films(linear: Linear, size: Floats) -> ResidualStatistic:
     one_rate, misread, at_one_rate = _of_one_rate(linear)
     also = misread.replace(" misread", "")
@@ -391,31 +409,6 @@ def _scatter_of_films(linear: Linear, size: Floats) -> ResidualStatistic:
         neutral=1.0,
         squares=True,
     )
-
-
-def _of_family(linear: Linear, family: str) -> list[ResidualStatistic]:
-    places = linear.subject.places
-    rows = places.family == family
-    size = np.where(rows, linear.prediction, 0.0)
-    found = [
-        _trend(linear, size, values, family=family, along=along)
-        for along, values in (
-            ("the path", places.along),
-            ("the level", places.level),
-            ("time", places.time),
-        )
-    ]
-    scatter = ResidualStatistic(
-        f"variance between specimens, over the model's ({family})",
-        "–",
-        "specimens of one level differ more than the model allows",
-        "specimens of one level differ less than the model allows",
-        between_specimens(linear, size),
-        "needs several specimens at one level",
-        neutral=1.0,
-        squares=True,
-    )
-    return [*found, scatter]
 
 
 def _trend(
@@ -514,9 +507,16 @@ def statistics_table(
     null = linear.whiten(known)
     replicated = np.stack([s.of(null) for s in there]) if there else np.empty((0, len(known)))
     value = np.array([float(s.of(linear.observed)) for s in there])
-    far = _distance(
-        np.column_stack([value, replicated]), np.array([s.squares for s in there], dtype=bool)
-    )
+    # The first column is of the data. It is included in the median and the spread, so data from
+    # the model are exchangeable with simulated ones and p-values are exact. Mean squares are
+    # compared by their cube roots, which are nearly normal (Wilson & Hilferty 1931).
+    values = np.column_stack([value, replicated])
+    squares = np.array([s.squares for s in there], dtype=bool)
+    scaled = values.copy()
+    scaled[squares] = np.cbrt(values[squares])
+    middle = np.median(scaled, axis=1, keepdims=True)
+    low, high = np.quantile(scaled, [0.05, 0.95], axis=1)
+    far: Floats = np.abs(scaled - middle) / (high - low)[:, None]
     p_value = chance_of(far[:, 0], far[:, 1:])
     adjusted = adjusted_p_values(far[:, 0], far[:, 1:])
     calibrated = iter(zip(value, replicated, p_value, adjusted, strict=True))
@@ -585,21 +585,6 @@ def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
     adjusted = np.empty(len(order))
     adjusted[order] = stepped
     return adjusted
-
-
-def _distance(values: Floats, squares: NDArray[np.bool_]) -> Floats:
-    """Return distances from the median over the spread, (m, 1 + k).
-
-    The first column is of the data. It is included in the median and the spread, so data from the
-    model are exchangeable with simulated ones and p-values are exact. Mean squares are compared by
-    their cube roots, which are nearly normal (Wilson & Hilferty 1931).
-    """
-    scaled = values.copy()
-    scaled[squares] = np.cbrt(values[squares])
-    middle = np.median(scaled, axis=1, keepdims=True)
-    low, high = np.quantile(scaled, [0.05, 0.95], axis=1)
-    distance: Floats = np.abs(scaled - middle) / (high - low)[:, None]
-    return distance
 
 
 def _physical(

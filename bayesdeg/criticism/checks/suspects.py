@@ -215,7 +215,12 @@ def _of_family(
         yield from _pictures(places, own, name, prediction)
     yield from _of_edge(subject, rows, prediction)
     yield from _of_batches(places, rows, [*_levels(places, rows), *batches], response)
-    yield from _of_days(places, rows, (*batches, *_rounds(places, rows)), prediction)
+    # Replicates with the same number in the order of tests form a round, often of one day.
+    order = {name: k for k, name in enumerate(dict.fromkeys(places.specimen[rows].tolist()))}
+    rates = [sorted(one, key=lambda name: order[name]) for one in _levels(places, rows)]
+    longest = max(map(len, rates), default=0)
+    rounds = (tuple(one[k] for one in rates if k < len(one)) for k in range(longest))
+    yield from _of_days(places, rows, (*batches, *rounds), prediction)
 
 
 def _of_actuator(
@@ -231,7 +236,16 @@ def _of_actuator(
             direction = np.where(one, prediction, 0.0)
             yield Irregularity(named[kind], (name,), kind, one, direction)
     yield from _jumps(places, own, name, prediction)
-    yield from _cut_offs(places, own, name, prediction)
+    # the path cut off at each of its readings
+    curved = own & (places.kind == CURVATURE)
+    order = np.flatnonzero(curved)
+    top = order[np.argmax(prediction[order])] if len(order) else 0
+    for place in order[1:]:
+        beyond = curved & (prediction > prediction[place])
+        if place != top and beyond.sum() > 1:
+            lost = np.where(beyond, prediction[place] - prediction, 0.0)
+            at = float(places.along[beyond].min())
+            yield Irregularity(Anomaly.CUT_OFF, (name,), CURVATURE, beyond, lost, at)
 
 
 def _jumps(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
@@ -246,19 +260,6 @@ def _jumps(places: Places, own: Flags, name: str, prediction: Floats) -> Iterato
         after = own & (step >= step[order[place]])
         at = float(places.along[order[place]])
         yield Irregularity(Anomaly.JUMP, (name,), "", after, np.where(after, unit, 0.0), at)
-
-
-def _cut_offs(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
-    """Yield cut-offs of a path at each of its readings."""
-    curved = own & (places.kind == CURVATURE)
-    order = np.flatnonzero(curved)
-    top = order[np.argmax(prediction[order])] if len(order) else 0
-    for place in order[1:]:
-        beyond = curved & (prediction > prediction[place])
-        if place != top and beyond.sum() > 1:
-            lost = np.where(beyond, prediction[place] - prediction, 0.0)
-            at = float(places.along[beyond].min())
-            yield Irregularity(Anomaly.CUT_OFF, (name,), CURVATURE, beyond, lost, at)
 
 
 def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[Irregularity]:
@@ -316,17 +317,6 @@ def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
     if member.max(initial=0) < 2:
         return []
     return [tuple(names[member == k].tolist()) for k in range(member.max() + 1)]
-
-
-def _rounds(places: Places, rows: Flags) -> list[tuple[str, ...]]:
-    """Return the first specimens of all degradation rates, the second, and so on.
-
-    Replicates with the same number in the order of tests form a round, often of one day.
-    """
-    order = {name: k for k, name in enumerate(dict.fromkeys(places.specimen[rows].tolist()))}
-    rates = [sorted(one, key=lambda name: order[name]) for one in _levels(places, rows)]
-    longest = max(map(len, rates), default=0)
-    return [tuple(one[k] for one in rates if k < len(one)) for k in range(longest)]
 
 
 def _of_batches(
@@ -569,28 +559,32 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
     slopes = jacobian_of(subject, vector) * _prior_widths(subject)
     prediction = subject.expected(vector[None])[0]
     deviations = subject.deviations(vector)
-    known = np.minimum(_stated_spread(subject, vector), deviations.spread)
+    # the variance of specimen deviations without the scatter of stiffness
+    values, alone = dict(subject.table.named(vector[None])), np.zeros_like(deviations.spread)
+    if STIFFNESS_SCATTER.name in values:
+        alike = values | {STIFFNESS_SCATTER.name: np.array([SMALL])}
+        alone = subject.deviations(np.asarray(subject.table.vectors(alike))[0]).spread
+    known = np.minimum(alone, deviations.spread)
     stated, specimens = (
         (deviations.slope * part) @ deviations.slope.T
         for part in (known, deviations.spread - known)
     )
+    residual: Floats = subject.observed - prediction
+    data = subject.actuator
+    if data is not None:
+        rows = np.isin(subject.places.kind, (CURVATURE, ANGLE)) & (
+            subject.places.family == ACTUATOR
+        )
+        linearised = subject.actuator_linearised(subject.table.named(vector[None]))
+        residual[rows] = linearised.residual[0][data.paths.mask]
     return ReadingParts(
-        _residual(subject, vector, prediction),
+        residual,
         np.hstack([slopes, *_common(subject.places, prediction)]),
         specimens,
         subject.scatter(vector) - specimens - stated,
         subject.places.family,
         stated,
     )
-
-
-def _stated_spread(subject: JointModel, vector: Floats) -> Floats:
-    """Return the variance of specimen deviations without the scatter of stiffness."""
-    values = dict(subject.table.named(vector[None]))
-    if STIFFNESS_SCATTER.name not in values:
-        return np.zeros_like(subject.deviations(vector).spread)
-    alike = values | {STIFFNESS_SCATTER.name: np.array([SMALL])}
-    return subject.deviations(np.asarray(subject.table.vectors(alike))[0]).spread
 
 
 def scored(
@@ -627,19 +621,6 @@ def _prior_widths(subject: JointModel) -> Floats:
         width = 0.5 * float(high - low)
         found.append(width if np.isfinite(width) else 1.0)
     return np.array(found)
-
-
-def _residual(subject: JointModel, vector: Floats, prediction: Floats) -> Floats:
-    """Return readings less their mean, of actuators linear in the specimens' deviations."""
-    residual: Floats = subject.observed - prediction
-    data = subject.actuator
-    if data is not None:
-        rows = np.isin(subject.places.kind, (CURVATURE, ANGLE)) & (
-            subject.places.family == ACTUATOR
-        )
-        linearised = subject.actuator_linearised(subject.table.named(vector[None]))
-        residual[rows] = linearised.residual[0][data.paths.mask]
-    return residual
 
 
 def _common(places: Places, prediction: Floats) -> Iterator[Floats]:
@@ -809,7 +790,9 @@ def _posed(
         return None
     widths = Widths(NARROWER, READING_DOF, {}, {})
     if left_out is not None:
-        widths = _widths_without(subject, vector, parts, left_out)
+        out = np.any([one.hypothesis.rows for one in left_out], axis=0)
+        names = {name for one in left_out for name in one.hypothesis.specimens}
+        widths = parts.without(out).widths(film_density(subject, vector, names))
     known, now = _with_groups(
         subject, known, scored(parts, known, widths.scatter, widths.errors), chance
     )
@@ -833,15 +816,6 @@ def _with_groups(
     columns = np.column_stack([columns, *(column for _, column in groups)])
     every = (*(known[k] for k in kept), *(one for one, _ in groups))
     return every, Scored(now.observed, columns)
-
-
-def _widths_without(
-    subject: JointModel, vector: Floats, parts: ReadingParts, left_out: Sequence[Suspect]
-) -> Widths:
-    """Return the widths of deviations and errors of the data not left out."""
-    out = np.any([one.hypothesis.rows for one in left_out], axis=0)
-    names = {name for one in left_out for name in one.hypothesis.specimens}
-    return parts.without(out).widths(film_density(subject, vector, names))
 
 
 def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Suspect]) -> Floats:
@@ -979,7 +953,8 @@ def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> ND
         return np.array([], dtype=np.int64)
     sizes, norms = _sizes(now, members)
     statistic, part = largest_t(sizes[None], norms)
-    if statistic[0] <= _t_of_chance(norms, chance):
+    null_sizes = np.random.default_rng(len(norms)).standard_normal((SPLITS, len(norms))) / norms
+    if statistic[0] <= float(np.quantile(largest_t(null_sizes, norms)[0], 1.0 - chance)):
         return np.array([], dtype=np.int64)
     order = np.argsort(sizes)
     return min(order[part[0] :], order[: part[0]], key=len)
@@ -1038,12 +1013,6 @@ def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]
     t = (high[1] / high[0] - low[1] / low[0]) / spread
     best = np.argmax(t, axis=1)
     return np.take_along_axis(t, best[:, None], axis=1)[:, 0], best + SMALLEST_GROUP
-
-
-def _t_of_chance(weights: Floats, chance: float) -> float:
-    """Return the critical value of the largest t of two groups without a group effect."""
-    sizes = np.random.default_rng(len(weights)).standard_normal((SPLITS, len(weights))) / weights
-    return float(np.quantile(largest_t(sizes, weights)[0], 1.0 - chance))
 
 
 def _loose(
@@ -1122,7 +1091,18 @@ def _pursued(
     while len(found) < MOST_READINGS * len(places):
         # data already left out need no further explanation
         explained = np.array([bool(np.all(left[one.rows])) for one in pool.known])
-        closed = explained | _too_many(pool, found)
+        # no more specimens of a family than allowed
+        out = {
+            name
+            for one in found
+            if one.hypothesis.is_of_specimen
+            for name in one.hypothesis.specimens
+        }
+        most = np.maximum(1, np.floor(MOST_SPECIMENS * pool.specimens))
+        with_it = np.array(
+            [len(out | set(one.specimens)) if one.is_of_specimen else 0 for one in pool.known]
+        )
+        closed = explained | np.asarray(with_it > most)
         odd = np.where(closed, 0.0, excess(now.scores(whole)))
         best = int(np.argmax(odd))
         if not odd[best] > 0.0:
@@ -1142,34 +1122,20 @@ def _suspect(pool: Pool, now: Scored, whole: Floats, best: int) -> Suspect:
     return Suspect(pool.known[best], size, float(scores[best]), chance)
 
 
-def _too_many(pool: Pool, found: list[Suspect]) -> Flags:
-    """Return a mask of hypotheses with more specimens of a family than allowed."""
-    out = {
-        name for one in found if one.hypothesis.is_of_specimen for name in one.hypothesis.specimens
-    }
-    most = np.maximum(1, np.floor(MOST_SPECIMENS * pool.specimens))
-    with_it = np.array(
-        [len(out | set(one.specimens)) if one.is_of_specimen else 0 for one in pool.known]
-    )
-    return np.asarray(with_it > most)
-
-
 def _confirmed(pool: Pool, now: Scored, found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
     """Return suspects that remain with all others free, with their sizes then."""
+    index = {id(way): k for k, way in enumerate(pool.known)}
     kept = list(found)
     while kept:
-        judged = [_beside(pool, now, one, [k for k in kept if k is not one]) for one in kept]
+        judged = []
+        for one in kept:
+            free = now
+            for other in kept:
+                if other is not one:
+                    free = free.without(free.columns[:, index[id(other.hypothesis)]])
+            judged.append(_suspect(pool, free, now.norms, index[id(one.hypothesis)]))
         worst = max(range(len(judged)), key=lambda i: judged[i].p_value)
         if judged[worst].p_value < DOUBTFUL:
             return tuple(sorted(judged, key=lambda one: -abs(one.score)))
         del kept[worst]
     return ()
-
-
-def _beside(pool: Pool, now: Scored, one: Suspect, others: Sequence[Suspect]) -> Suspect:
-    """Return a suspect evaluated with the sizes of others free."""
-    index = {id(way): k for k, way in enumerate(pool.known)}
-    free = now
-    for other in others:
-        free = free.without(free.columns[:, index[id(other.hypothesis)]])
-    return _suspect(pool, free, now.norms, index[id(one.hypothesis)])

@@ -151,7 +151,11 @@ def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> 
     members = list(_replaced_once(search, supported, lists))
     excluded: list[SetOdds] = []
     for one in combined:
-        found = _judged(search, chosen, one.causes, screened[one.names])
+        fitted = one.names in search.trials
+        behind = screened[one.names]
+        if fitted:
+            behind = search.factor(chosen) - search.factor(one.names)
+        found = SetOdds(one.causes, search.factor(chosen) - behind, behind, fitted)
         belongs = found.behind <= max(INSEPARABLE, one.together + TOLERANCE)
         (members if belongs else excluded).append(found)
     members += _further(search, chosen, {one.names for one in (*members, *excluded)})
@@ -208,13 +212,6 @@ def _screened_gaps(
             beyond = (own - whole) - sum(own - part for part in known)
         found[one.names] = one.together + beyond
     return found
-
-
-def _judged(search: Search, chosen: Names, causes: tuple[str, ...], screened: float) -> SetOdds:
-    names, whole = frozenset(causes), search.factor(chosen)
-    fitted = names in search.trials
-    behind = whole - search.factor(names) if fitted else screened
-    return SetOdds(causes, whole - behind, behind, fitted)
 
 
 def _replaced_once(

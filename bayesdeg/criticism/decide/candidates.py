@@ -6,6 +6,7 @@ is as good where its linear Bayes factor is within odds of 20 of that of a.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,11 @@ from scipy.special import logsumexp
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import fraction_explained
+from bayesdeg.criticism.findings import Candidate, EffectSize
 from bayesdeg.criticism.fit.linear import Linear, effects, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.search import Names, Search, set_penalties
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.criticism.subject import typical_size
 
 Floats = NDArray[np.float64]
 
@@ -53,21 +54,15 @@ class Confusability:
         """Return pairs of causes that would often be confused."""
         return [
             (self.names[i], self.names[j])
-            for i in range(len(self.names))
-            for j in range(i + 1, len(self.names))
-            if self._is_confused(i, j)
+            for i, j in combinations(range(len(self.names)), 2)
+            if np.all(self.visible[[i, j]] > VISIBLE)
+            and max(self.confused[i, j], self.confused[j, i]) > OFTEN
         ]
 
     def rivals(self, name: str) -> list[str]:
         """Return causes that would often be as good as a given one if it acted."""
         i = self.names.index(name)
         return [n for j, n in enumerate(self.names) if j != i and self.confused[i, j] > OFTEN]
-
-    def _is_confused(self, i: int, j: int) -> bool:
-        seen = self.visible[[i, j]] > VISIBLE
-        return bool(
-            (seen[0] and seen[1]) and (self.confused[i, j] > OFTEN or self.confused[j, i] > OFTEN)
-        )
 
 
 NOT_KNOWN = Confusability((), np.zeros(0), np.zeros((0, 0)))
@@ -90,89 +85,32 @@ def confusability(
     if not causes:
         return NOT_KNOWN
     columns = [sensitivities(linear, cause) for cause in causes]
-    changes = np.stack([_typical_effect(linear, cause) for cause in causes])
+    typical = [
+        [p.law.to_unconstrained(c.typical.get(p.name, p.neutral or 0.0)) for p in c.parameters]
+        for c in causes
+    ]
+    changes = np.stack(
+        [
+            np.nan_to_num(effects(linear, cause, np.array([size], dtype=np.float64))[0])
+            for cause, size in zip(causes, typical, strict=True)
+        ]
+    )
     noise = generator.standard_normal((DRAWS, changes.shape[1]))
     confused = np.zeros((len(causes), len(causes)))
     for i, change in enumerate(changes):
         z = change + noise
-        factors = np.stack(
-            [log_bayes_factor(z, _wide(c, d)) for c, d in zip(columns, changes, strict=True)]
-        )
+        # directions of each cause: for small sizes, and for its typical one
+        wide = (np.column_stack(both) for both in zip(columns, changes, strict=True))
+        factors = np.stack([log_bayes_factor(z, directions) for directions in wide])
         confused[i] = np.mean(factors > factors[i] - CLEAR, axis=1)
     return Confusability(
         tuple(cause.name for cause in causes), np.linalg.norm(changes, axis=1), confused
     )
 
 
-def _typical_effect(linear: Linear, cause: Cause) -> Floats:
-    effect: Floats = np.nan_to_num(effects(linear, cause, typical_size(cause)[None])[0])
-    return effect
-
-
-def _wide(columns: Floats, change: Floats) -> Floats:
-    """Return directions of a cause: for small sizes, and for its typical one."""
-    return np.column_stack([columns, change])
-
-
 EFFECT_DRAWS = 2000
 LEAST = -1e3  # floor of the log Bayes factors shown
-
-
-@dataclass(frozen=True)
-class EffectSize:
-    """Posterior of one parameter of a cause."""
-
-    mean: float
-    sd: float
-    q05: float
-    q95: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """The evidence for one cause.
-
-    Parameters
-    ----------
-    cause : str
-        Its name.
-    log_bayes_factor : float or None
-        Of a named cause beside the others that are named, against the model without it; of others
-        alone against the base model [nats]. None if it could not be judged.
-    probability : float or None
-        Posterior probability that it acts.
-    explained_fraction : float or None
-        Share of the misfit statistic, less what chance gives, that it removes: the larger of each
-        model against its own errors and both against the errors of the model with it
-        (`fraction_explained`); of a named one together with the others.
-        None if it was screened only, or if there is no more misfit than chance gives.
-    elpd_diff, elpd_diff_se : float or None
-        Gain in log predictive density on held-out specimens; None if it was not tried on them.
-    effect : mapping
-        Posterior of each parameter; empty if it was screened only.
-    fitted : bool
-        Whether the model with it was fitted as a whole, or the cause only screened.
-    why : str
-        Why it could not be judged; empty if it was.
-    log_bayes_factor_error : float or None
-        Monte Carlo standard error of the log Bayes factor [nats]; None if it was screened only.
-    naming_p_value : float or None
-        Share of data sets simulated from the model without it in which the best of all causes has
-        as large a log Bayes factor, (1 + #)/(1 + n).
-    """
-
-    cause: str
-    log_bayes_factor: float | None
-    probability: float | None
-    explained_fraction: float | None
-    elpd_diff: float | None
-    elpd_diff_se: float | None
-    effect: dict[str, EffectSize]
-    fitted: bool = True
-    why: str = ""
-    log_bayes_factor_error: float | None = None
-    naming_p_value: float | None = None
+FULL_FIT, SCREENING = "full fit", "screening"  # how a cause was judged
 
 
 def candidates(
@@ -185,11 +123,47 @@ def candidates(
     shares = probabilities(search)
     named = {one.cause: one for one in supported}
     found = []
+    base, chosen = search.base.names, frozenset(named)
     for cause in search.causes:
+        alone = frozenset({cause.name})
         if cause.name in named:
-            found.append(_named(search, named, cause, shares[cause.name], generator))
+            one = named[cause.name]
+            names, rest, factor = chosen, chosen - alone, one.log_bayes_factor
+            gain, error, chance = one.elpd_diff, one.elpd_diff_se, one.chance
+        elif alone in search.trials:
+            names, rest, factor = alone, base, max(search.factor(alone), LEAST)
+            tested = alone in held_out and base in held_out
+            gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
+            chance = search.step(base).chance_of(search.factor(alone))
         else:
-            found.append(_other(search, cause, shares[cause.name], held_out, generator))
+            factor = search.step(base).screened[cause.name].log_bayes_factor
+            found.append(
+                Candidate(
+                    cause=cause.name,
+                    log_bayes_factor=max(factor, LEAST),
+                    probability=shares[cause.name],
+                    naming_p_value=search.step(base).chance_of(factor),
+                    mechanism=cause.mechanism,
+                    judged_by=SCREENING,
+                )
+            )
+            continue
+        larger, smaller = search.trials[names].posterior, search.trials[rest].posterior
+        found.append(
+            Candidate(
+                cause=cause.name,
+                log_bayes_factor=factor,
+                probability=shares[cause.name],
+                explained_fraction=fraction_explained(search.step(base), search.step(names)),
+                elpd_diff=gain,
+                elpd_diff_se=error,
+                effect=effect_sizes(search.trials[names], cause, generator),
+                log_bayes_factor_error=float(np.hypot(larger.error, smaller.error)),
+                naming_p_value=chance,
+                mechanism=cause.mechanism,
+                judged_by=FULL_FIT,
+            )
+        )
     return sorted(found, key=lambda c: (-(c.probability or 0.0), -(c.log_bayes_factor or LEAST)))
 
 
@@ -227,64 +201,5 @@ def effect_sizes(
 def effect_size(draws: Floats, unit: str) -> EffectSize:
     """Summarise posterior draws of one parameter of a cause."""
     low, high = np.quantile(draws, [0.05, 0.95])
-    return EffectSize(float(np.mean(draws)), float(np.std(draws)), float(low), float(high), unit)
-
-
-def _named(
-    search: Search,
-    named: Mapping[str, Support],
-    cause: Cause,
-    probability: float,
-    generator: np.random.Generator,
-) -> Candidate:
-    one, chosen = named[cause.name], frozenset(named)
-    return Candidate(
-        cause=cause.name,
-        log_bayes_factor=one.log_bayes_factor,
-        probability=probability,
-        explained_fraction=fraction_explained(search.step(search.base.names), search.step(chosen)),
-        elpd_diff=one.elpd_diff,
-        elpd_diff_se=one.elpd_diff_se,
-        effect=effect_sizes(search.trials[chosen], cause, generator),
-        log_bayes_factor_error=_error(search, chosen, chosen - {cause.name}),
-        naming_p_value=one.chance,
-    )
-
-
-def _other(
-    search: Search,
-    cause: Cause,
-    probability: float,
-    held_out: Mapping[Names, HeldOut],
-    generator: np.random.Generator,
-) -> Candidate:
-    alone, base = frozenset({cause.name}), search.base.names
-    if alone not in search.trials:
-        factor = search.step(base).screened[cause.name].log_bayes_factor
-        return Candidate(
-            cause.name,
-            max(factor, LEAST),
-            probability,
-            *3 * (None,),
-            {},
-            fitted=False,
-            naming_p_value=search.step(base).chance_of(factor),
-        )
-    tested = alone in held_out and base in held_out
-    gain, error = difference(held_out[alone], held_out[base]) if tested else (None, None)
-    return Candidate(
-        cause=cause.name,
-        log_bayes_factor=max(search.factor(alone), LEAST),
-        probability=probability,
-        explained_fraction=fraction_explained(search.step(base), search.step(alone)),
-        elpd_diff=gain,
-        elpd_diff_se=error,
-        effect=effect_sizes(search.trials[alone], cause, generator),
-        log_bayes_factor_error=_error(search, alone, base),
-        naming_p_value=search.step(base).chance_of(search.factor(alone)),
-    )
-
-
-def _error(search: Search, one: Names, other: Names) -> float:
-    """Return the Monte Carlo standard error of the log Bayes factor of two sets [nats]."""
-    return float(np.hypot(search.trials[one].posterior.error, search.trials[other].posterior.error))
+    mean, sd = float(np.mean(draws)), float(np.std(draws))
+    return EffectSize(mean=mean, sd=sd, q05=float(low), q95=float(high), unit=unit)

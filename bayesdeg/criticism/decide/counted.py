@@ -31,12 +31,13 @@ from bayesdeg.criticism.checks.count_misfit import (
     count_misfit,
     judged_counts,
 )
-from bayesdeg.criticism.decide.candidates import Candidate, effect_sizes
-from bayesdeg.criticism.decide.support import Support
-from bayesdeg.criticism.fit.linear import with_prior_moments
+from bayesdeg.criticism.decide.candidates import FULL_FIT, effect_sizes
+from bayesdeg.criticism.decide.support import Support, prior_tail
+from bayesdeg.criticism.findings import Candidate
+from bayesdeg.criticism.fit.linear import columns_of, with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
 from bayesdeg.criticism.fit.trials import WANTED, CandidateFit, with_sizes
-from bayesdeg.criticism.subject import columns_of
+from bayesdeg.criticism.holdout.held_out import standard_error
 from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
@@ -82,11 +83,6 @@ COMMON_FACTOR = Cause(
 )
 """A size effect, or strain concentrated where walls meet: it may prevent naming a cause, but is not
 named itself, since counts cannot tell which of the two it is."""
-
-
-class _Fitted(NamedTuple):
-    mode: Floats
-    posterior: Evidence
 
 
 @dataclass(frozen=True)
@@ -192,44 +188,38 @@ def judge_counts(
     sets = base.simulated(generator, CHANCE_SETS)
     gained = np.stack([one.log_probability(sets) - base.log_probability(sets) for one in laws])
     chance: Floats = gained.max(axis=0)
-    without = _evidence_of_counts(parent, counts, base, generator)
+    # log probability of the counts given the readings, without a cause of rupture
+    joint = parent.subject.with_observations(counts)
+    _, plain = _fitted(joint, parent.mode, generator)
+    drawn = float(base.log_probability(counts.tests.ruptured[None])[0])
+    without = max(plain.log_evidence - parent.log_evidence, drawn)
     found = [one.judged(parent, base, without, chance, generator) for one in laws]
-    best_first = sorted(found, key=lambda one: -one.support.log_bayes_factor)
-    tried = tuple(_with_rivals(one, found) for one in best_first)
+    factors = {one.name: one.support.log_bayes_factor for one in found}
+    tried = []
+    for one in sorted(found, key=lambda one: -one.support.log_bayes_factor):
+        own = factors[one.name]
+        rivals = {name: own - other for name, other in factors.items() if name != one.name}
+        tried.append(replace(one, support=replace(one.support, rivals=rivals)))
     told = _candidates(tried, generator)
     told.pop(COMMON_FACTOR.name)
-    others_say = _by_other_criteria(parent.subject, counts, known[:OTHERS_DRAWS], generator)
-    return Counted(misfit, tried, naming_threshold(chance), told, others_say)
-
-
-def _by_other_criteria(
-    model: JointModel, counts: RuptureCounts, vectors: Floats, generator: np.random.Generator
-) -> dict[str, float]:
-    """Return the p-values of counts by the other criteria of rupture."""
-    chosen = model.films_and_actuators.criterion
-    return {
+    vectors = known[:OTHERS_DRAWS]
+    chosen = parent.subject.films_and_actuators.criterion
+    others_say = {
         criterion: count_misfit(
-            model.with_world(criterion=criterion), counts, vectors, generator, PUBLISHED
+            parent.subject.with_world(criterion=criterion), counts, vectors, generator, PUBLISHED
         ).p_value
         for criterion in RUPTURE_CRITERIA
         if criterion != chosen
     }
+    return Counted(misfit, tuple(tried), naming_threshold(chance), told, others_say)
 
 
-def _fitted(subject: JointModel, start: Floats, generator: np.random.Generator) -> _Fitted:
-    """Fit a model with the counts from a start: mode and importance sample."""
+def _fitted(
+    subject: JointModel, start: Floats, generator: np.random.Generator
+) -> tuple[Floats, Evidence]:
+    """Return the mode of a model with the counts, and an importance sample about it."""
     laplace = approximate(subject, generator, start=start)
-    return _Fitted(laplace.mode, about_mode(subject, laplace, generator, enough=WANTED))
-
-
-def _evidence_of_counts(
-    parent: CandidateFit, counts: RuptureCounts, base: CountLaw, generator: np.random.Generator
-) -> float:
-    """Return the log probability of the counts given the readings, without a cause of rupture."""
-    joint = parent.subject.with_observations(counts)
-    found = _fitted(joint, parent.mode, generator).posterior
-    drawn = float(base.log_probability(counts.tests.ruptured[None])[0])
-    return max(found.log_evidence - parent.log_evidence, drawn)
+    return laplace.mode, about_mode(subject, laplace, generator, enough=WANTED)
 
 
 class _Found(NamedTuple):
@@ -253,11 +243,16 @@ def _all_extended(
         _answers(parent.subject, counts, subjects, [known[rows], *(one[rows] for one in points)])
         for rows in (slice(k, k + AT_ONCE) for k in range(0, len(known), AT_ONCE))
     ]
-    found = [_together(one) for one in zip(*parts, strict=True)]
-    return [
-        _Extended.of(cause, subject, counts, of_it, answers)
-        for cause, subject, of_it, answers in zip(causes, subjects, points, found, strict=True)
-    ]
+    found = []
+    for cause, subject, of_it, answers in zip(
+        causes, subjects, points, zip(*parts, strict=True), strict=True
+    ):
+        own, chances = zip(*answers, strict=True)
+        whole = Chances(*map(np.concatenate, zip(*chances, strict=True)))
+        found.append(
+            _Extended.of(cause, subject, counts, of_it, _Found(np.concatenate(own), whole))
+        )
+    return found
 
 
 def _answers(
@@ -285,18 +280,6 @@ def _of_ruptures(model: JointModel, state: State[FilmsAndActuators]) -> Floats:
     """Return the log likelihood of the study's own ruptures, the only data affected, (n,)."""
     parts = [one.log_likelihood(state).sum(axis=1) for one in model.of_kind(Rupture)]
     return np.sum(parts, axis=0) if parts else np.zeros(len(state))
-
-
-def _together(parts: Sequence[_Found]) -> _Found:
-    own, chances = zip(*parts, strict=True)
-    return _Found(np.concatenate(own), Chances(*map(np.concatenate, zip(*chances, strict=True))))
-
-
-def _chances_of_repeated(model: JointModel, counts: RuptureCounts, drawn: Floats) -> Chances:
-    """Return rupture probabilities at draws with many duplicates, valid at all levels."""
-    different, place = np.unique(drawn, axis=0, return_inverse=True)
-    chances = chances_at(model, counts, different)
-    return answered(Chances(*(part[place] for part in chances)))
 
 
 @dataclass(frozen=True)
@@ -336,43 +319,38 @@ class _Extended:
         chance: Floats,
         generator: np.random.Generator,
     ) -> CountedCause:
-        trial = self._trial(parent, without, generator)
+        # Fitted from the best draw of its prior. Counts leave the sizes of a cause on a ridge,
+        # around whose top there may be fewer effective draws than among those of the prior: the
+        # sample with more effective draws gives the evidence.
+        subject = self.subject.with_observations(self.counts)
+        best = self.drawn.draws[int(np.argmax(self.drawn.log_weights))]
+        mode, posterior = _fitted(subject, best, generator)
+        beyond = posterior.log_evidence - parent.log_evidence
+        if not posterior.effective >= self.drawn.effective:
+            posterior, beyond = self.drawn, self.drawn.log_evidence
+        centre, uncertain = with_prior_moments(
+            parent.centre, parent.uncertain, parent.subject, subject
+        )
+        log_evidence = parent.log_evidence + beyond - without
+        trial = CandidateFit(subject, mode, log_evidence, posterior, uncertain, centre)
         factor = trial.log_evidence - parent.log_evidence
         drawn = trial.draws(generator, DRAWS)
-        chances = _chances_of_repeated(self.subject, self.counts, drawn)
-        left = judged_counts(self.counts.tests, chances, generator, PUBLISHED)
+        different, place = np.unique(drawn, axis=0, return_inverse=True)  # draws are repeated
+        chances = chances_at(self.subject, self.counts, different)
+        repeated = answered(Chances(*(part[place] for part in chances)))
+        left = judged_counts(self.counts.tests, repeated, generator, PUBLISHED)
         gain, error = _held_out(self, base)
+        size = float(np.median(drawn[:, columns_of(trial.subject, self.cause)[0]]))
         support = Support(
             cause=self.cause.name,
             log_bayes_factor=factor,
             elpd_diff=gain,
             elpd_diff_se=error,
             rivals={},
-            prior_tail=_prior_tail(trial, self.cause, drawn),
+            prior_tail=prior_tail(self.cause, size),
             chance=float(chance_of(factor, chance)),
         )
         return CountedCause(trial, support, left)
-
-    def _trial(
-        self, parent: CandidateFit, without: float, generator: np.random.Generator
-    ) -> CandidateFit:
-        """Fit the model with the cause and the counts, from the best draw of its prior.
-
-        Counts leave the sizes of a cause on a ridge, around whose top there may be fewer effective
-        draws than among those of the prior: the sample with more effective draws gives the
-        evidence.
-        """
-        subject = self.subject.with_observations(self.counts)
-        best = self.drawn.draws[int(np.argmax(self.drawn.log_weights))]
-        mode, posterior = _fitted(subject, best, generator)
-        gain = posterior.log_evidence - parent.log_evidence
-        if not posterior.effective >= self.drawn.effective:
-            posterior, gain = self.drawn, self.drawn.log_evidence
-        centre, uncertain = with_prior_moments(
-            parent.centre, parent.uncertain, parent.subject, subject
-        )
-        log_evidence = parent.log_evidence + gain - without
-        return CandidateFit(subject, mode, log_evidence, posterior, uncertain, centre)
 
 
 def _held_out(extended: _Extended, base: CountLaw) -> tuple[float, float]:
@@ -382,7 +360,7 @@ def _held_out(extended: _Extended, base: CountLaw) -> tuple[float, float]:
     without = _left_out(base)
     times = np.concatenate([tests.ruptured, tests.tested - tests.ruptured])
     each = np.repeat(with_cause - without, times.astype(int))
-    return float(np.sum(each)), float(np.sqrt(len(each)) * np.std(each, ddof=1))
+    return float(np.sum(each)), standard_error(each)
 
 
 def _left_out(law: CountLaw) -> Floats:
@@ -397,25 +375,6 @@ def _left_out(law: CountLaw) -> Floats:
     return found
 
 
-def _with_rivals(one: CountedCause, found: Sequence[CountedCause]) -> CountedCause:
-    factor = one.support.log_bayes_factor
-    rivals = {
-        other.name: factor - other.support.log_bayes_factor
-        for other in found
-        if other.name != one.name
-    }
-    return replace(one, support=replace(one.support, rivals=rivals))
-
-
-def _prior_tail(trial: CandidateFit, cause: Cause, drawn: Floats) -> float:
-    """Return the prior probability of a size as far from neutral as the posterior median."""
-    size = cause.parameters[0]
-    value = float(np.median(drawn[:, columns_of(trial.subject, cause)[0]]))
-    neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
-    prior = size.law.to_unconstrained(size.law.quantile((np.arange(2000) + 0.5) / 2000.0))
-    return float(np.mean(np.abs(prior - neutral) >= abs(value - neutral)))
-
-
 def _candidates(
     tried: Sequence[CountedCause], generator: np.random.Generator
 ) -> dict[str, Candidate]:
@@ -423,21 +382,17 @@ def _candidates(
     factors = np.array([0.0, *(one.support.log_bayes_factor for one in tried)])
     shares = np.exp(factors - logsumexp(factors))[1:]
     return {
-        one.name: _candidate(one, float(share), generator)
+        one.name: Candidate(
+            cause=one.name,
+            log_bayes_factor=one.support.log_bayes_factor,
+            probability=float(share),
+            elpd_diff=one.support.elpd_diff,
+            elpd_diff_se=one.support.elpd_diff_se,
+            effect=effect_sizes(one.trial, one.trial.cause(one.name), generator),
+            log_bayes_factor_error=one.trial.posterior.error,
+            naming_p_value=one.support.chance,
+            mechanism=one.trial.cause(one.name).mechanism,
+            judged_by=FULL_FIT,
+        )
         for one, share in zip(tried, shares, strict=True)
     }
-
-
-def _candidate(one: CountedCause, share: float, generator: np.random.Generator) -> Candidate:
-    cause = next(c for c in one.trial.subject.causes if c.name == one.name)
-    return Candidate(
-        cause=one.name,
-        log_bayes_factor=one.support.log_bayes_factor,
-        probability=share,
-        explained_fraction=None,
-        elpd_diff=one.support.elpd_diff,
-        elpd_diff_se=one.support.elpd_diff_se,
-        effect=effect_sizes(one.trial, cause, generator),
-        log_bayes_factor_error=one.trial.posterior.error,
-        naming_p_value=one.support.chance,
-    )

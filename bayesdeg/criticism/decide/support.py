@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.fit.linear import columns_of
 from bayesdeg.criticism.fit.search import Names, Search, rivals
-from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
 from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
-from bayesdeg.criticism.subject import columns_of
 from bayesdeg.inference.model import JointModel
 
 Regroup = Callable[[JointModel], JointModel]
@@ -111,11 +110,12 @@ class Support:
     def farthest(self, rival: str) -> float:
         """Return the largest deficit of an equally good rival [nats]."""
         alike = self.twins.get(rival, ())
-        behind = [self.rivals[twin] for twin in alike if self._is_as_good(twin)]
+        behind = [
+            self.rivals[twin]
+            for twin in alike
+            if twin in self.rivals and self.rivals[twin] < self._farthest_alone(twin)
+        ]
         return max([self._farthest_alone(rival), *(gap + TWINS_APART for gap in behind)])
-
-    def _is_as_good(self, rival: str) -> bool:
-        return rival in self.rivals and self.rivals[rival] < self._farthest_alone(rival)
 
     def _farthest_alone(self, rival: str) -> float:
         """Return the largest deficit, irrespective of other rivals [nats]."""
@@ -128,39 +128,6 @@ class Support:
         return chosen - {self.cause} | {rival}
 
 
-def hold_out(
-    search: Search,
-    chosen: Names,
-    *,
-    seed: np.random.SeedSequence,
-    executor: Executor | None = None,
-    on_set: Callable[[Names], None] | None = None,
-) -> dict[Names, HeldOut]:
-    """Predict held-out groups with no cause, without each of a set, and with all of it, in turn.
-
-    Parameters
-    ----------
-    search : Search
-        In which those sets are fitted.
-    chosen : frozenset of str
-        The set.
-    seed : SeedSequence
-        The same for each, so that they are compared on the same draws.
-    executor : Executor, optional
-        Runs calibrations side by side.
-    on_set : callable, optional
-        Called after each set.
-
-    Returns
-    -------
-    dict
-        Empty where there is a single group of readings, without which nothing would be left, or
-        no group.
-    """
-    [found] = hold_out_each(search, chosen, [as_it_is], seed=seed, executor=executor, on_set=on_set)
-    return found
-
-
 def hold_out_each(
     search: Search,
     chosen: Names,
@@ -170,19 +137,30 @@ def hold_out_each(
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
 ) -> list[dict[Names, HeldOut]]:
-    """Run `hold_out` for several kinds of groups, with all calibrations in parallel.
+    """Predict held-out groups with no cause, without each of a set, and with all of it, in turn.
+
+    All calibrations run in parallel.
 
     Parameters
     ----------
-    search, chosen, seed, executor, on_set
-        As of `hold_out`.
+    search : Search
+        In which those sets are fitted.
+    chosen : frozenset of str
+        The set.
     ways : sequence of callable
         Each makes of a model one that holds out other groups.
+    seed : SeedSequence
+        The same for each, so that they are compared on the same draws.
+    executor : Executor, optional
+        Runs calibrations side by side.
+    on_set : callable, optional
+        Called after each set.
 
     Returns
     -------
     list of dict
-        One for each way.
+        One for each way; empty where there is a single group of readings, without which nothing
+        would be left, or no group.
     """
     smaller = (chosen - {name} for name in sorted(chosen))
     sets = list(dict.fromkeys([search.base.names, *smaller, chosen]))
@@ -192,7 +170,8 @@ def hold_out_each(
         if can_be_held_out(regroup(search.base.subject))
         for names in sets
     ]
-    plans = (one_by_one(_regrouped(search.trials[n], ways[way]), seed) for way, n in asked)
+    fits = ((search.trials[names], ways[way]) for way, names in asked)
+    plans = (one_by_one(replace(fit, subject=way(fit.subject)), seed) for fit, way in fits)
     told = None if on_set is None else (lambda place: on_set(asked[place][1]))
     found: list[dict[Names, HeldOut]] = [{} for _ in ways]
     for (way, names), held_out in zip(asked, run_folds(plans, executor, told), strict=True):
@@ -210,10 +189,6 @@ def can_be_held_out(subject: JointModel) -> bool:
     return len(subject.groups) >= (2 if np.any(subject.group != "") else 1)
 
 
-def _regrouped(trial: CandidateFit, regroup: Regroup) -> CandidateFit:
-    return replace(trial, subject=regroup(trial.subject))
-
-
 def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
     """Return the support for each cause of a set, the strongest first.
 
@@ -221,22 +196,17 @@ def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -
     sets is estimated again first.
     """
     found = _supports(search, chosen, held_out)
-    doubtful = [names for one in found for names in _doubtful(search, chosen, one)]
+    own, doubtful = search.trials[chosen].posterior.error, list[Names]()
+    for one in found:
+        for rival, gap in one.rivals.items():
+            names = one.replaced(chosen, rival)
+            error = np.hypot(own, search.trials[names].posterior.error)
+            if abs(gap - one.farthest(rival)) < UNSURE * error:
+                doubtful.append(names)
     if not doubtful:
         return found
     search.settle(dict.fromkeys([chosen, *doubtful]))
     return _supports(search, chosen, held_out)
-
-
-def _doubtful(search: Search, chosen: Names, one: Support) -> list[Names]:
-    """Return the sets with rivals whose comparison depends on Monte Carlo error."""
-    own, found = search.trials[chosen].posterior.error, []
-    for rival, gap in one.rivals.items():
-        names = one.replaced(chosen, rival)
-        error = np.hypot(own, search.trials[names].posterior.error)
-        if abs(gap - one.farthest(rival)) < UNSURE * error:
-            found.append(names)
-    return found
 
 
 def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
@@ -251,6 +221,9 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
         twins = {cause.name: cause.twins for cause in search.causes}
         whole = search.factor(chosen)
         factor = whole - search.factor(rest)
+        fitted = search.trials[chosen]
+        cause = fitted.cause(name)
+        size = float(fitted.mode[columns_of(fitted.subject, cause)[0]])
         found.append(
             Support(
                 name,
@@ -258,7 +231,7 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
                 gain,
                 error,
                 {rival: whole - other for rival, other in others.items()},
-                prior_tail(search, chosen, name),
+                prior_tail(cause, size),
                 together,
                 search.step(rest).chance_of(factor),
                 {one: twins[one] for one in (name, *others)},
@@ -267,19 +240,17 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
     return sorted(found, key=lambda one: -one.log_bayes_factor)
 
 
-def prior_tail(search: Search, names: Names, cause: str) -> float:
-    """Return the prior probability of a size at least as far from neutral as the fitted one.
+def prior_tail(cause: Cause, value: float) -> float:
+    """Return the prior probability of a size at least as far from neutral.
 
-    For the first parameter, the size of the cause.
+    Parameters
+    ----------
+    cause : Cause
+        Its first parameter is its size.
+    value : float
+        The size, on the unconstrained scale.
     """
-    trial, found = search.trials[names], _cause_of(search, names, cause)
-    size = found.parameters[0]
-    value = trial.mode[columns_of(trial.subject, found)[0]]
+    size = cause.parameters[0]
     neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
     prior = size.law.to_unconstrained(size.law.quantile((np.arange(2000) + 0.5) / 2000.0))
     return float(np.mean(np.abs(prior - neutral) >= abs(value - neutral)))
-
-
-def _cause_of(search: Search, names: Names, name: str) -> Cause:
-    found: Cause = next(c for c in search.trials[names].subject.causes if c.name == name)
-    return found

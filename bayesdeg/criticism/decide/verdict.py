@@ -15,13 +15,12 @@ reported, as a product of lists if every combination is supported, else as a lis
 (`decide.alternatives`): a cause is named if it is in all of them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.checks.conflict import Conflict, Questioned
 from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.criticism.checks.discrepancy import (
     LARGE,
@@ -31,10 +30,10 @@ from bayesdeg.criticism.checks.discrepancy import (
     power,
 )
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
-from bayesdeg.criticism.checks.rupture_misfit import RuptureMisfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.support import Support
+from bayesdeg.criticism.findings import Conflict, Questioned, RuptureMisfit
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
 
@@ -274,15 +273,24 @@ def decide(
     if supported and missed:
         return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(missed))
     misread = base.misfit.p_value <= MISFIT_LEVEL
-    off = misread or bool(questioned) or _is_off_beside(rupture, contradicted, counts)
+    off = misread or bool(questioned) or (counts is not None and counts.contradicts)
+    others = (found.p_value for found in (rupture, contradicted) if found is not None)
+    off = off or any(p_value <= MISFIT_LEVEL for p_value in others)
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model with overestimated errors shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
     by_level = [one for one in shared if one.is_more_than_chance]
-    against = _against_all(base, final, structure) if of_readings else []
+    against = [*_against_misfit(base, final), *_structure(structure)] if of_readings else []
     structured = any(isinstance(reason, StructureLeft) for reason in against)
     off = off or bool(by_level) or structured
-    reasons = [*_against_each(supported, by_level), *against]
+    unconfirmed = dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees)
+    implausible = (
+        ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor, one.together is not None)
+        for one in supported
+        if not one.is_plausible
+    )
+    shared_by = (SharedByLevel(one.cause, one.p_value, one.replicates) for one in by_level)
+    reasons: list[Reason] = [*unconfirmed, *implausible, *shared_by, *against]
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
@@ -314,15 +322,6 @@ def _said(supported: Sequence[Support], stated: StatedSets | None) -> Decision:
         sets=tuple(sets),
         alternatives=() if stated is None else stated.alternatives,
     )
-
-
-def _is_off_beside(
-    rupture: RuptureMisfit | None, contradicted: Conflict | None, counts: CountMisfit | None
-) -> bool:
-    """Return whether ruptures, a measured mean or counts contradict the base model."""
-    beside = (found for found in (rupture, contradicted) if found is not None)
-    improbable = any(found.p_value <= MISFIT_LEVEL for found in beside)
-    return improbable or (counts is not None and counts.contradicts)
 
 
 def share_explained(base: Step, final: Step) -> tuple[float, float]:
@@ -364,37 +363,19 @@ def _unknown(base: Step, supported: list[Support]) -> list[Reason]:
     return [_against(one) for one in supported if one.elpd_diff is None]
 
 
-def _against_each(supported: list[Support], shared: list[SharedScatter]) -> Iterator[Reason]:
-    """Yield the distinct reasons against naming single causes."""
-    yield from dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees)
-    for one in supported:
-        if not one.is_plausible:
-            beside = one.together is not None
-            yield ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor, beside)
-    for found in shared:
-        yield SharedByLevel(found.cause, found.p_value, found.replicates)
-
-
 def _structure(found: MissingTerms | None) -> list[Reason]:
     """Return the remaining term, if it has a relevant size and exceeds chance.
 
     Held-out specimens need not confirm it: giving a term is a claim, doubting a cause is not.
     """
-    first = None if found is None else found.best
-    if found is None or first is None or first.largest < LEAST_CHANGE:
+    if found is None or found.best is None or found.best.largest < LEAST_CHANGE:
         return []
     if not found.p_value <= MISFIT_LEVEL:
         return []
-    term = first.term
+    first, term = found.best, found.best.term
+    alike, p_value = first.count_alike, first.p_value
     return [
-        StructureLeft(
-            term.formula,
-            term.columns,
-            first.largest,
-            first.count_alike,
-            first.p_value,
-            found.replicates,
-        )
+        StructureLeft(term.formula, term.columns, first.largest, alike, p_value, found.replicates)
     ]
 
 
@@ -404,16 +385,11 @@ def _against(one: Support) -> Reason:
     return NotPredictedBetter(one.cause, one.elpd_diff, one.elpd_diff_se or 0.0)
 
 
-def _against_all(base: Step, final: Step, structure: MissingTerms | None) -> list[Reason]:
-    """Return why the causes together are not named: the misfit that they leave."""
-    return [*_against_misfit(base, final), *_structure(structure)]
-
-
 def _against_misfit(base: Step, final: Step) -> list[Reason]:
     left, replicates = final.misfit.p_value, len(final.misfit.null)
     if left > LEFT_LEVEL:
         return []
-    if base.misfit.p_value > MISFIT_LEVEL and left <= LEFT_LEVEL:
+    if base.misfit.p_value > MISFIT_LEVEL:
         return [NoReduction(left, replicates)]
     own, common = share_explained(base, final)
     share = max(own, common)

@@ -78,11 +78,11 @@ class TermOnReading:
         )
 
     def _change(self, kind: str, conditions: Conditions, reading: Floats, slope: Floats) -> Floats:
-        known = self._known(conditions, np.abs(reading) / self._top(kind))
+        known = self._known(
+            conditions,
+            np.abs(reading) / (self.term.scales[kind][0] if kind in self.term.scales else 1.0),
+        )
         return self.term.change(kind, known, reading, slope)
-
-    def _top(self, kind: str) -> float:
-        return self.term.scales[kind][0] if kind in self.term.scales else 1.0
 
     def _known(self, conditions: Conditions, size: Floats) -> KnownColumns:
         """Return the known quantities of readings under conditions; new specimens have no batch."""
@@ -99,20 +99,16 @@ class TermOnReading:
             HUMIDITY.column: conditions.humidity,
             CYCLE.column: conditions.cycle - 1.0,
         }
-        labels = {
-            BRANCH.column: np.where(conditions.unloading, "unloading", "loading"),
-            MOUNT.column: conditions.mount,
-            RATE.column: self._rate(level),
-            BATCH.column: np.array(""),
-        }
-        return KnownColumns({n: np.nan_to_num(v) for n, v in numbers.items()}, labels)
-
-    def _rate(self, level: Floats) -> NDArray[np.str_]:
-        """Return the study's group of rates to which each rate belongs, if any."""
         centres = levels(self.rates)[0]
         gap = np.abs(np.asarray(level)[..., None] - centres)
         names = np.array([f"{centre:.3g} %" for centre in centres])[np.argmin(gap, axis=-1)]
-        return np.where(np.min(gap, axis=-1) <= LEVEL_WIDTH, names, "")
+        labels = {
+            BRANCH.column: np.where(conditions.unloading, "unloading", "loading"),
+            MOUNT.column: conditions.mount,
+            RATE.column: np.where(np.min(gap, axis=-1) <= LEVEL_WIDTH, names, ""),
+            BATCH.column: np.array(""),
+        }
+        return KnownColumns({n: np.nan_to_num(v) for n, v in numbers.items()}, labels)
 
 
 def term_trials(

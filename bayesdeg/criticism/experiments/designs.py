@@ -4,8 +4,9 @@ Measurement errors and scatter between parts are assumed: a calliper or a micros
 a second gauge of the same class as the first.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Self
 
 import numpy as np
@@ -70,7 +71,10 @@ class ActuatorDesign:
     @classmethod
     def of(cls, data: ActuatorCurves) -> Self:
         """Return the design of a study's actuator tests."""
-        levels = _levels(data.degradation[:, 0])
+        rates = data.degradation[:, 0]
+        rising = np.sort(rates)
+        groups = np.split(rising, np.flatnonzero(np.diff(rising) >= SAME_LEVEL) + 1)
+        levels = tuple(float(round(group.mean(), 1)) for group in groups)
         counts = [len(_near(data, level)) for level in levels]
         steps = np.diff(data.time, axis=1)[data.mask[:, 1:]]
         steps = steps[steps > 0.0]
@@ -258,13 +262,6 @@ def _most_common[T: np.generic](values: NDArray[T]) -> T:
     return common
 
 
-def _levels(rates: Floats) -> tuple[float, ...]:
-    """Return the mean of each group of close rates, rounded to 0.1 %."""
-    rising = np.sort(rates)
-    groups = np.split(rising, np.flatnonzero(np.diff(rising) >= SAME_LEVEL) + 1)
-    return tuple(float(round(group.mean(), 1)) for group in groups)
-
-
 def _near(data: ActuatorCurves, level: float) -> NDArray[np.intp]:
     """Return the specimens at a level, or the nearest one."""
     distance = np.abs(data.degradation[:, 0] - level)
@@ -282,42 +279,15 @@ GAUGE_ERROR = 1.0  # kPa
 WEIGHING_ERROR = 1.0  # error of the degradation rate of one weighed piece, in points
 
 
-@dataclass(frozen=True)
-class Part:
-    """The actual part according to a model.
+class Measurand(StrEnum):
+    """Quantities measured on a part, by the name of the experiment."""
 
-    Parameters
-    ----------
-    inputs : Inputs
-        With what causes make of material, geometry and load; broadcast over (n, S, R).
-    degradation : Degradation
-        What is believed of the degradation rates, broadcast over (n, S, 1).
-    values : mapping
-        Named values, (n,).
-    """
-
-    inputs: Inputs
-    degradation: Degradation
-    values: Named
-
-    def of(self, name: str, neutral: float) -> Floats:
-        """Return an input, neutral if no cause changed it."""
-        value = getattr(self.inputs, name)
-        return np.asarray(neutral if value is None else value)
-
-
-@dataclass(frozen=True)
-class Measurand:
-    """A quantity measured on a part.
-
-    Parameters
-    ----------
-    mean, variance : callable
-        Reading expected, and its variance with the scatter of parts, broadcast over (n, S, R).
-    """
-
-    mean: Callable[[Part], Floats]
-    variance: Callable[[Part], Floats]
+    LENGTH = "length"
+    WALL = "roof"
+    STRIP = "strip of the wall"
+    PAPER = "strip of the paper"
+    GAUGE = "second gauge"
+    WEIGHED = "weighed piece"
 
 
 @dataclass(frozen=True)
@@ -354,26 +324,21 @@ class PartMeasurements:
 
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return readings expected."""
-        return self._whole(values, self.quantity.mean(self._part(model, values)))
+        return self._readings(model, values)[0]
 
     def covariance(self, model: JointModel, values: Named) -> Floats:
         """Return their covariance; errors are independent."""
-        variance = self._variance(model, values)
+        variance = self._readings(model, values)[1]
         return variance[..., None] * np.eye(variance.shape[-1])
 
     def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new parts."""
-        mean, variance = self.expected(model, values), self._variance(model, values)
+        mean, variance = self._readings(model, values)
         drawn: Floats = mean + np.sqrt(variance) * generator.standard_normal(mean.shape)
         return drawn
 
-    def _variance(self, model: JointModel, values: Named) -> Floats:
-        return self._whole(values, self.quantity.variance(self._part(model, values)))
-
-    def _whole(self, values: Named, readings: Floats) -> Floats:
-        return np.broadcast_to(readings, (len(values["stiffness_scatter"]), *self.pressure.shape))
-
-    def _part(self, model: JointModel, values: Named) -> Part:
+    def _readings(self, model: JointModel, values: Named) -> tuple[Floats, Floats]:
+        """Return readings expected and their variance with the scatter of parts, (n, S, R)."""
         conditions = Conditions(self.pressure, self.degradation)
         believed = Degradation(self.degradation, self.degradation_sd)
         causes = acting(model.causes, values)
@@ -381,7 +346,7 @@ class PartMeasurements:
         shape = (len(values["stiffness_scatter"]), len(self.degradation))
         level = np.broadcast_to(believed.value[..., 0], shape)
         c1, c2, c3 = np.moveaxis(model.constants(values, level)[..., None], 2, 0)
-        inputs = Inputs(
+        plain = Inputs(
             pressure=self.pressure,
             c1=c1,
             c2=c2,
@@ -391,74 +356,32 @@ class PartMeasurements:
         )
         # responses of the material to the load are not properties of the part
         lasting = (one for one in causes if one.cause.stage <= Stage.LOAD)
-        return Part(applied("on_inputs", inputs, conditions, lasting), believed, values)
+        part = applied("on_inputs", plain, conditions, lasting)
+        mean: Floats
+        variance: Floats | float
+        match self.quantity:
+            case Measurand.LENGTH:
+                mean, variance = part.linear_scale, (LENGTH_ERROR * part.linear_scale) ** 2
+            case Measurand.WALL:  # over that in the mould; one of its faces is exposed
+                lost = _or_neutral(part.erosion, 0.0) / NOMINAL_WALL
+                mean = part.linear_scale * _or_neutral(part.wall_factor, 1.0) - lost
+                variance = WALL_ERROR**2 + (WALL_SCATTER * mean) ** 2
+            case Measurand.STRIP:  # ln of Young's modulus [MPa]
+                mean = np.log(young_modulus(part.c1, _or_neutral(part.second_invariant, 0.0)))
+                variance = values["stiffness_scatter"][:, None, None] ** 2 + STRIP_ERROR**2
+            case Measurand.PAPER:
+                mean, variance = np.log(part.paper_stiffness), PAPER_ERROR**2
+            case Measurand.GAUGE:
+                mean, variance = part.pressure, GAUGE_ERROR**2
+            case Measurand.WEIGHED:
+                mean, variance = believed.value, believed.sd**2 + WEIGHING_ERROR**2
+        whole = (len(values["stiffness_scatter"]), *self.pressure.shape)
+        return np.broadcast_to(mean, whole), np.broadcast_to(variance, whole)
 
 
-def _wall(part: Part) -> Floats:
-    """Return the thickness of the roof over that in the mould; one of its faces is exposed."""
-    lost = part.of("erosion", 0.0) / NOMINAL_WALL
-    thickness: Floats = part.inputs.linear_scale * part.of("wall_factor", 1.0) - lost
-    return thickness
-
-
-def _log_stiffness(part: Part) -> Floats:
-    """Return ln of Young's modulus [MPa] of the part's material."""
-    total: Floats = np.log(young_modulus(part.inputs.c1, part.of("second_invariant", 0.0)))
-    return total
-
-
-def _strip_variance(part: Part) -> Floats:
-    variance: Floats = part.values["stiffness_scatter"][:, None, None] ** 2 + STRIP_ERROR**2
-    return variance
-
-
-def _scale(part: Part) -> Floats:
-    return part.inputs.linear_scale
-
-
-def _scale_variance(part: Part) -> Floats:
-    variance: Floats = (LENGTH_ERROR * part.inputs.linear_scale) ** 2
-    return variance
-
-
-def _wall_variance(part: Part) -> Floats:
-    variance: Floats = WALL_ERROR**2 + (WALL_SCATTER * _wall(part)) ** 2
-    return variance
-
-
-def _log_paper(part: Part) -> Floats:
-    stiffness: Floats = np.log(part.inputs.paper_stiffness)
-    return stiffness
-
-
-def _paper_variance(part: Part) -> Floats:
-    return np.array(PAPER_ERROR**2)
-
-
-def _pressure(part: Part) -> Floats:
-    return part.inputs.pressure
-
-
-def _gauge_variance(part: Part) -> Floats:
-    return np.array(GAUGE_ERROR**2)
-
-
-def _degradation(part: Part) -> Floats:
-    return part.degradation.value
-
-
-def _weighing_variance(part: Part) -> Floats:
-    variance: Floats = part.degradation.sd**2 + WEIGHING_ERROR**2
-    return variance
-
-
-# functions of the module, which can be sent to other processes
-LENGTH = Measurand(mean=_scale, variance=_scale_variance)
-WALL = Measurand(mean=_wall, variance=_wall_variance)
-STRIP = Measurand(mean=_log_stiffness, variance=_strip_variance)
-PAPER = Measurand(mean=_log_paper, variance=_paper_variance)
-GAUGE = Measurand(mean=_pressure, variance=_gauge_variance)
-WEIGHED = Measurand(mean=_degradation, variance=_weighing_variance)
+def _or_neutral(value: Floats | None, neutral: float) -> Floats:
+    """Return an input, neutral if no cause changed it."""
+    return np.asarray(neutral if value is None else value)
 
 
 LONG_HOLD = 120.0  # s, of each step
@@ -501,7 +424,10 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
             found += _batches(design, level)
             found += _volumes(design, level, model)
     for films in model.of_kind(Tensile):
-        found += _modes(FilmDesign.of(films.curves))
+        tested = FilmDesign.of(films.curves)
+        for mode in [m for m in MODES if m not in tested.data.modes]:
+            plan = ExperimentPlan(mode, tested.copies, (tested.level,))
+            found.append(Experiment(plan, FilmTests(tested.curves(mode), tested.copies)))
     return tuple(found)
 
 
@@ -618,16 +544,15 @@ def _of_part(design: ActuatorDesign, level: float, *, with_paper: bool) -> Itera
     """Yield direct measurements of the part at one degradation rate."""
     rising = design.pressures(level)
     gauge = np.unique(rising[[0, len(rising) // 2, -1]])
-    measured: list[tuple[str, Measurand, Floats]] = [
-        ("length", LENGTH, rising[-1:]),
-        ("roof", WALL, rising[-1:]),
-        ("strip of the wall", STRIP, rising[-1:]),
-        *([("strip of the paper", PAPER, rising[-1:])] if with_paper else []),
-        ("second gauge", GAUGE, gauge),
-    ]
-    if level > FRESH:
-        measured.append(("weighed piece", WEIGHED, rising[-1:]))
-    for kind, quantity, pressure in measured:
+    measured = {
+        Measurand.LENGTH: rising[-1:],
+        Measurand.WALL: rising[-1:],
+        Measurand.STRIP: rising[-1:],
+        **({Measurand.PAPER: rising[-1:]} if with_paper else {}),
+        Measurand.GAUGE: gauge,
+        **({Measurand.WEIGHED: rising[-1:]} if level > FRESH else {}),
+    }
+    for quantity, pressure in measured.items():
         test = PartMeasurements(
             quantity,
             np.array([[level]]),
@@ -635,11 +560,4 @@ def _of_part(design: ActuatorDesign, level: float, *, with_paper: bool) -> Itera
             pressure[None],
             design.copies,
         )
-        yield Experiment(ExperimentPlan(kind, design.copies, (level,)), test)
-
-
-def _modes(films: FilmDesign) -> Iterator[Experiment]:
-    """Yield tests of films in modes of tension that were not tested."""
-    for mode in [m for m in MODES if m not in films.data.modes]:
-        plan = ExperimentPlan(mode, films.copies, (films.level,))
-        yield Experiment(plan, FilmTests(films.curves(mode), films.copies))
+        yield Experiment(ExperimentPlan(quantity.value, design.copies, (level,)), test)

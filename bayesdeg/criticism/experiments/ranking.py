@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, helmert, solve_triangular
 
 from bayesdeg.causes.cause import Cause
+from bayesdeg.criticism.findings import ExperimentEntry, PairEntry
 from bayesdeg.criticism.fit.side_by_side import apply
-from bayesdeg.criticism.fit.trials import CandidateFit
+from bayesdeg.criticism.fit.trials import CandidateFit, with_sizes
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves, draw_readings
 from bayesdeg.observations.noise import Linearised, covariance
@@ -317,18 +318,10 @@ def hypotheses_of(
         for trial in trials
     ]
     smallest = min(trials, key=lambda trial: len(trial.names))
-    return (*found, *(_untested(smallest, cause, generator, draws) for cause in untested))
-
-
-def _untested(
-    parent: CandidateFit, cause: Cause, generator: np.random.Generator, draws: int
-) -> Hypothesis:
-    model = parent.subject.extended(cause)
-    known = dict(zip(parent.subject.table.names, parent.draws(generator, draws).T, strict=True))
-    for p in cause.parameters:
-        known[cause.qualified(p.name)] = p.law.to_unconstrained(p.law.sample(generator, draws))
-    vectors = np.stack([known[name] for name in model.table.names], axis=1)
-    return Hypothesis(cause.name, model, vectors)
+    for cause in untested:
+        vectors = with_sizes(smallest.subject, cause, smallest.draws(generator, draws), generator)
+        found.append(Hypothesis(cause.name, smallest.subject.extended(cause), vectors))
+    return tuple(found)
 
 
 ANSWERED = 0.9  # share of draws that must be computable at a reading
@@ -437,8 +430,19 @@ def predictive_readings(
         if not usable.any() or complete.mean() < COMPLETE:
             return []
         known = {name: value[complete] for name, value in values.items()}
-        law = _law((model, known), measurement, means[complete][:, usable], usable)
-        drawn = _drawn((model, known), measurement, usable, generator)
+        own = measurement.covariance(model, _first(known, SCATTERS)).mean(axis=0)
+        blocks = [one[np.ix_(row, row)] for one, row in zip(own, usable, strict=True)]
+        answers = means[complete][:, usable]
+        law = ReadingsLaw(
+            answers.mean(axis=0),
+            np.atleast_2d(np.cov(answers.T)),
+            np.asarray(block_diag(*blocks)),
+            measurement.copies,
+        )
+        some = _first(known, SIMULATED)
+        copies = [measurement.simulated(model, some, generator) for _ in range(measurement.copies)]
+        drawn = np.stack(copies)[:, :, usable]
+        drawn = drawn[:, np.all(np.isfinite(drawn), axis=(0, 2))]
         if not drawn.shape[1]:
             return []
         found.append(PredictiveReadings(law, drawn))
@@ -450,32 +454,6 @@ def separation(
 ) -> tuple[Separation, Separation]:
     """Return the expectations if the first is true, and if the second is."""
     return _expected(first, second.law), _expected(second, first.law)
-
-
-def _law(
-    hypothesis: tuple[JointModel, Named], measurement: Measurement, means: Floats, usable: Flags
-) -> ReadingsLaw:
-    model, values = hypothesis
-    own = measurement.covariance(model, _first(values, SCATTERS)).mean(axis=0)
-    blocks = [one[np.ix_(row, row)] for one, row in zip(own, usable, strict=True)]
-    common = np.atleast_2d(np.cov(means.T))
-    return ReadingsLaw(
-        means.mean(axis=0), common, np.asarray(block_diag(*blocks)), measurement.copies
-    )
-
-
-def _drawn(
-    hypothesis: tuple[JointModel, Named],
-    measurement: Measurement,
-    usable: Flags,
-    generator: np.random.Generator,
-) -> Floats:
-    """Draw readings of every copy, (k, n, d), without those that leave the model's range."""
-    model, values = hypothesis
-    some = _first(values, SIMULATED)
-    copies = [measurement.simulated(model, some, generator) for _ in range(measurement.copies)]
-    drawn = np.stack(copies)[:, :, usable]
-    return drawn[:, np.all(np.isfinite(drawn), axis=(0, 2))]
 
 
 def _first(values: Named, count: int) -> dict[str, Floats]:
@@ -705,22 +683,22 @@ def compare(
     Readings are left out if any hypothesis refuses more than a tenth of its draws there; the
     result is empty if that leaves none, or less than half of the draws of a hypothesis.
     """
-    named = [_named(h, generator, measurement.errors) for h in hypotheses]
-    foretold = predictive_readings(named, measurement, generator)
-    pairs = [
-        _pair((a.name, b.name), separation(first, second))
-        for (a, first), (b, second) in combinations(zip(hypotheses, foretold, strict=False), 2)
+    named = [
+        (one.model, with_noise(one.model.table.named(one.draws), generator, measurement.errors))
+        for one in hypotheses
     ]
+    foretold = predictive_readings(named, measurement, generator)
+    pairs = []
+    for (a, first), (b, second) in combinations(zip(hypotheses, foretold, strict=False), 2):
+        smaller = min(separation(first, second), key=lambda one: one.expected)
+        pairs.append(Pair((a.name, b.name), smaller.expected, smaller.error))
     return tuple(sorted(pairs, key=lambda pair: -pair.expected))
 
 
 def next_experiments_document(
     ranked: Sequence[Ranked], word: Callable[[ExperimentPlan], str], *, most: int = MOST
-) -> list[dict[str, object]]:
+) -> tuple[ExperimentEntry, ...]:
     """Return ``next_experiments`` of ``verdict.json``: the best ones that tell causes apart.
-
-    Besides the required keys, each has the Monte Carlo error, the cost in specimens and readings,
-    and every pair of causes in question.
 
     Parameters
     ----------
@@ -734,40 +712,27 @@ def next_experiments_document(
     Examples
     --------
     >>> next_experiments_document((), str)
-    []
+    ()
     """
     useful = [entry for entry in ranked if entry.told_apart]
-    return [{"design": word(e.experiment.plan)} | _document(e) for e in useful[:most]]
-
-
-def _document(entry: Ranked) -> dict[str, object]:
-    experiment, pair = entry.experiment, entry.decisive
-    return {
-        "separates": list(pair.causes),
-        "expected_log_bayes_factor": round(pair.expected, 2),
-        "monte_carlo_error": round(pair.error, 2),
-        "specimens": experiment.specimens,
-        "readings": experiment.readings,
-        "per_specimen": round(pair.expected / experiment.specimens, 2),
-        "pairs": [
-            {"causes": list(p.causes), "expected_log_bayes_factor": round(p.expected, 2)}
-            for p in entry.pairs
-        ],
-    }
+    return tuple(
+        ExperimentEntry(
+            design=word(one.plan),
+            separates=pair.causes,
+            expected_log_bayes_factor=round(pair.expected, 2),
+            monte_carlo_error=round(pair.error, 2),
+            specimens=one.specimens,
+            readings=one.readings,
+            per_specimen=round(pair.expected / one.specimens, 2),
+            pairs=tuple(
+                PairEntry(causes=p.causes, expected_log_bayes_factor=round(p.expected, 2))
+                for p in pairs
+            ),
+        )
+        for one, pair, pairs in ((e.experiment, e.decisive, e.pairs) for e in useful[:most])
+    )
 
 
 def _order(entry: Ranked) -> tuple[float, ...]:
     size = round(entry.decisive.expected, 1)
     return -entry.told_apart, -size, entry.experiment.specimens, entry.experiment.readings
-
-
-def _pair(names: tuple[str, str], both: tuple[Separation, Separation]) -> Pair:
-    smaller = min(both, key=lambda one: one.expected)
-    return Pair(names, smaller.expected, smaller.error)
-
-
-def _named(
-    hypothesis: Hypothesis, generator: np.random.Generator, errors: tuple[Parameter, ...]
-) -> tuple[JointModel, dict[str, Floats]]:
-    values = hypothesis.model.table.named(hypothesis.draws)
-    return hypothesis.model, with_noise(values, generator, errors)

@@ -23,8 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.fit.linear import Linear, Whitening, is_seen, linearise, rooted
-from bayesdeg.criticism.subject import columns_of
+from bayesdeg.criticism.fit.linear import Linear, Whitening, columns_of, is_seen, linearise, rooted
 from bayesdeg.material.degradation import levels
 from bayesdeg.observations.kinds import Deviations
 
@@ -64,8 +63,15 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
     """
     if not linear.is_known:
         return linear
-    own = linear.subject.deviations(linear.mode)
-    scatters, together = _scatters(linear, own), _together(linear, own)
+    subject, own = linear.subject, linear.subject.deviations(linear.mode)
+    of_causes = {k for cause in subject.causes for k in columns_of(subject, cause)}
+    scatters = []  # parameters that only widen specimen scatter
+    for k in np.flatnonzero(~is_seen(linear.whiten_columns(linear.jacobian))):
+        moved = linear.mode.copy()
+        moved[k] += 0.5
+        if k not in of_causes and np.any(subject.deviations(moved).spread > own.spread):
+            scatters.append(int(k))
+    together = _together(linear, own)
     if len(scatters) != 1 or not together:
         return linear
     place = scatters[0]
@@ -111,35 +117,18 @@ class _Law:
         """
         mode = self.linear.mode.copy()
         mode[self.place] = at
-        scatter, residual = self._scatter(mode), self.linear.subject.observed - self.linear.mean
+        # V(s): the fitted covariance, less the reduction of specimen scatter
+        scatter = self.linear.subject.scatter(mode)
+        slope, rows = self.own.slope, np.any(self.own.slope, axis=1)
+        lost = self.own.spread - self.linear.subject.deviations(mode).spread
+        fitted = self.linear.scatter - slope * lost @ slope.T
+        scatter[np.ix_(rows, rows)] = fitted[np.ix_(rows, rows)]
+        residual = self.linear.subject.observed - self.linear.mean
         off = at - self.centre[self.place]
         prior = 0.5 * float(off**2 / self.uncertain[self.place, self.place])
         whitening = Whitening.of(scatter, self.known)
         laws = (whitening.sharing(np.hstack([self.known, k * shared])) for k in sizes)
         return [law.log_density(residual) - prior for law in laws]
-
-    def _scatter(self, mode: Floats) -> Floats:
-        """Return V(s): the fitted covariance, less the reduction of specimen scatter."""
-        total = self.linear.subject.scatter(mode)
-        slope, rows = self.own.slope, np.any(self.own.slope, axis=1)
-        lost = self.own.spread - self.linear.subject.deviations(mode).spread
-        fitted = self.linear.scatter - slope * lost @ slope.T
-        total[np.ix_(rows, rows)] = fitted[np.ix_(rows, rows)]
-        return total
-
-
-def _scatters(linear: Linear, own: Deviations) -> list[int]:
-    """Return parameters that only widen specimen scatter, without those of causes."""
-    subject = linear.subject
-    of_causes = {k for cause in subject.causes for k in columns_of(subject, cause)}
-    still = ~is_seen(linear.whiten_columns(linear.jacobian))
-    found = []
-    for k in np.flatnonzero(still):
-        moved = linear.mode.copy()
-        moved[k] += 0.5
-        if k not in of_causes and np.any(subject.deviations(moved).spread > own.spread):
-            found.append(int(k))
-    return found
 
 
 def _together(linear: Linear, own: Deviations) -> list[Floats]:

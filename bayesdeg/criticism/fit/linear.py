@@ -23,7 +23,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import logsumexp
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.subject import columns_of, with_neutral
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate, slopes
@@ -84,7 +83,10 @@ class Whitening:
 
     def sharing(self, shared: Floats) -> "Whitening":
         """Return the whitening for the same scatter and a different shared part, (n, r)."""
-        vectors, size, _ = np.linalg.svd(_finite(self.inverse @ shared), full_matrices=False)
+        columns = self.inverse @ shared
+        vectors, size, _ = np.linalg.svd(
+            np.where(np.isfinite(columns), columns, 0.0), full_matrices=False
+        )
         kept = size > FAINT * size.max(initial=1.0)
         if not np.all(np.isfinite(shared)):
             vectors = np.full_like(vectors, np.nan)
@@ -150,10 +152,6 @@ def _sparse(blocks: list[tuple[NDArray[np.intp], Floats]], size: int) -> csr_arr
     values = np.concatenate([block.ravel() for _, block in blocks])
     kept = values != 0.0
     return csr_array(coo_array((values[kept], (row[kept], column[kept])), shape=(size, size)))
-
-
-def _finite(columns: Floats) -> Floats:
-    return np.where(np.isfinite(columns), columns, 0.0)
 
 
 ROUNDING = 1e-6  # standard deviations of the readings
@@ -289,7 +287,8 @@ def linearise(
     whitening = Whitening.of(scatter, jacobian @ rooted(uncertain))
     moves = is_seen(whitening.whitened(jacobian))
     if centre is None:
-        shift = uncertain @ np.where(moves, _slope(subject, mode, uncertain), 0.0)
+        found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
+        shift = uncertain @ np.where(moves, found, 0.0)
     else:
         shift = centre - mode
     mean = prediction + jacobian @ shift
@@ -301,12 +300,6 @@ def rooted(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariance)
     root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
-
-
-def _slope(subject: JointModel, mode: Floats, uncertain: Floats) -> Floats:
-    """Return the gradient of the log density of the parameters given all but the readings."""
-    found: Floats = slopes(subject.rest(), mode[None], SHORT * np.sqrt(np.diag(uncertain)))[0]
-    return found
 
 
 def rest_covariance(subject: JointModel, start: Floats) -> Floats:
@@ -355,6 +348,23 @@ def with_prior_moments(
             draws = parameter.law.to_unconstrained(values)
             centre[i], wider[i, i] = float(np.mean(draws)), float(np.var(draws))
     return centre, wider
+
+
+def with_neutral(vector: Floats, density: Density, extended: Density) -> Floats:
+    """Return a vector of an extended model with the added parameters at their neutral values."""
+    known = dict(zip(density.table.names, vector, strict=True))
+    return np.array(
+        [
+            known[p.name] if p.name in known else float(p.law.to_unconstrained(p.neutral or 0.0))
+            for p in extended.table.parameters
+        ]
+    )
+
+
+def columns_of(extended: Density, cause: Cause) -> list[int]:
+    """Return the indices of a cause's parameters in the vectors of an extended model."""
+    names = extended.table.names
+    return [names.index(cause.qualified(p.name)) for p in cause.parameters]
 
 
 def is_seen(columns: Floats) -> NDArray[np.bool_]:

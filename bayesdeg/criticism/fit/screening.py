@@ -35,8 +35,15 @@ from scipy.special import log_ndtr, logsumexp
 from scipy.stats import multivariate_t, qmc
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.fit.linear import Linear, effects, is_seen, neutral_sizes, prior_size
-from bayesdeg.criticism.subject import columns_of, with_neutral
+from bayesdeg.criticism.fit.linear import (
+    Linear,
+    columns_of,
+    effects,
+    is_seen,
+    neutral_sizes,
+    prior_size,
+    with_neutral,
+)
 from bayesdeg.inference.density import bounds
 from bayesdeg.inference.laplace import DEGREES_OF_FREEDOM
 from bayesdeg.priors import ParameterTable
@@ -80,7 +87,13 @@ class Screened:
 def screen(linear: Linear, cause: Cause) -> Screened:
     """Screen one cause on the data of a linearised model."""
     z = linear.observed
-    prior = _prior_draws(cause)
+    count = len(cause.parameters)
+    uniform = qmc.Halton(count, scramble=False).random(DRAWS + 1)[1:]  # the first is zero
+    drawn = [
+        p.law.to_unconstrained(p.law.quantile(u))
+        for p, u in zip(cause.parameters, uniform.T, strict=True)
+    ]
+    prior = np.stack(drawn, axis=1)
     changes = effects(linear, cause, prior)
     fit = _log_likelihood(z, changes)
     start = np.vstack([neutral_sizes(cause), prior])
@@ -95,22 +108,6 @@ def screen(linear: Linear, cause: Cause) -> Screened:
     factor = _evidence(linear, cause, size, columns=columns, units=units, prior=(prior, fit))
     found = Screened(cause, size, factor, effect, columns)
     return replace(found, log_bayes_factor=factor + _widening(linear, found))
-
-
-def _offset(one: Screened) -> Floats:
-    units = np.array([prior_size(p) for p in one.cause.parameters])
-    offset: Floats = (one.size - neutral_sizes(one.cause)) / units
-    return offset
-
-
-def _prior_draws(cause: Cause) -> Floats:
-    count = len(cause.parameters)
-    uniform = qmc.Halton(count, scramble=False).random(DRAWS + 1)[1:]  # the first is zero
-    columns = [
-        p.law.to_unconstrained(p.law.quantile(u))
-        for p, u in zip(cause.parameters, uniform.T, strict=True)
-    ]
-    return np.stack(columns, axis=1)
 
 
 def _log_prior(cause: Cause, sizes: Floats, *, truncate: bool = True) -> Floats:
@@ -197,11 +194,17 @@ def _widening(linear: Linear, one: Screened) -> float:
     where = columns_of(extended, cause)
     neutral = neutral_sizes(cause)
     point[where] = np.where(np.isin(np.arange(len(size)), wide), neutral, size)
-    offset = columns @ _offset(one)
+    units = np.array([prior_size(p) for p in one.cause.parameters])
+    from_neutral: Floats = (one.size - neutral_sizes(one.cause)) / units
+    offset = columns @ from_neutral
     residual = linear.whitening.coloured(linear.observed - one.effect + offset)
     own = linear.whitening.coloured(columns)
     scatter = extended.scatter(point)
-    point[where] = np.where(np.isin(np.arange(len(size)), wide), _outermost(cause), point[where])
+    largest = (WIDTHS - 0.5) / WIDTHS
+    ends = [p.law.to_unconstrained(p.law.quantile(largest)) for p in cause.parameters]
+    point[where] = np.where(
+        np.isin(np.arange(len(size)), wide), np.array(ends, dtype=np.float64), point[where]
+    )
     if np.array_equal(extended.scatter(point), scatter):
         return 0.0
     base = linear.covariance + own @ own.T - scatter
@@ -216,13 +219,6 @@ def _widening(linear: Linear, one: Screened) -> float:
     point[[where[k] for k in wide]] = neutral[wide]
     even = _normal(residual, base + extended.scatter(point))
     return float(logsumexp(np.array(ratios) - even) - np.log(WIDTHS))
-
-
-def _outermost(cause: Cause) -> Floats:
-    """Return the largest size of each parameter that `_widening` looks at."""
-    share = (WIDTHS - 0.5) / WIDTHS
-    ends = [p.law.to_unconstrained(p.law.quantile(share)) for p in cause.parameters]
-    return np.array(ends, dtype=np.float64)
 
 
 def _normal(residual: Floats, covariance: Floats) -> float:

@@ -206,8 +206,27 @@ class Search:
 
     def step(self, names: Names) -> Step:
         """Return the tests of a fitted set."""
-        if names not in self.steps:
-            self.steps[names] = self._look(self.trials[names])
+        if names in self.steps:
+            return self.steps[names]
+        trial, linear = self.trials[names], self.trials[names].linear
+        simulate = partial(_simulated, trial, np.random.default_rng(self._seed(names, 1)))
+        simulated = simulate(self.effort.replicates)
+        misfit = resolved(measure(linear, simulated), linear, simulate, most=self.effort.most)
+        others = [cause for cause in self.causes if cause.name not in names]
+        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        jobs = [(c, self._seed(names | {c.name}, 2)) for c in others]
+        found = apply(partial(_screened, trial), jobs, self.executor)
+        screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
+        chance = factors_by_chance(linear, others, known)
+        unbent: dict[str, Screened] = {}
+        straight = trial.unbent()
+        if straight is not None:
+            judged = [cause for cause in others if not cause.is_of_rupture_alone]
+            found = apply(partial(screen, straight), judged, self.executor)
+            unbent = {cause.name: one for cause, one in zip(judged, found, strict=True)}
+        self.steps[names] = Step(
+            trial, misfit, known, screened, naming_threshold(chance), unbent, chance
+        )
         return self.steps[names]
 
     def passes(self, names: Names, larger: Names) -> bool:
@@ -222,10 +241,16 @@ class Search:
             self.settle([names, larger], DECIDING)
             gain = self.factor(larger) - self.factor(names)
         while gain >= LEAST_FACTOR and not is_clear(gain, step.chance, FALSE_NAME_RATE):
-            more = self._more_chance(step)
-            if not len(more):
+            count = len(step.chance)
+            generator = np.random.default_rng(self._seed(names, 3 + count))
+            more = max(min(count, self.effort.most - count), 0)
+            simulated = _simulated(step.trial, generator, more)
+            known = simulated[np.all(np.isfinite(simulated), axis=1)]
+            others = [cause for cause in self.causes if cause.name not in names]
+            gains = factors_by_chance(step.trial.linear, others, known)
+            if not len(gains):
                 break
-            chance = np.append(step.chance, more)
+            chance = np.append(step.chance, gains)
             step = replace(step, chance=chance, threshold=naming_threshold(chance))
         self.steps[names] = step
         return gain >= step.threshold
@@ -244,16 +269,6 @@ class Search:
         )
         self.steps[names] = replace(step, misfit=misfit)
         return self.steps[names]
-
-    def _more_chance(self, step: Step) -> Floats:
-        """Return the gains by chance with twice the data sets, up to the limit."""
-        names, count = step.trial.names, len(step.chance)
-        generator = np.random.default_rng(self._seed(names, 3 + count))
-        wanted = max(min(count, self.effort.most - count), 0)
-        simulated = _simulated(step.trial, generator, wanted)
-        known = simulated[np.all(np.isfinite(simulated), axis=1)]
-        others = [cause for cause in self.causes if cause.name not in names]
-        return factors_by_chance(step.trial.linear, others, known)
 
     def fit(self, parent: Names, additions: Iterable[str]) -> list[Names]:
         """Fit a set with each of several causes added, in parallel; return the larger sets."""
@@ -276,30 +291,26 @@ class Search:
             Of each set the sizes at which the fit of each cause begins, by name; by default those
             that screening found for each alone.
         """
+        own = {cause.name: cause for cause in self.causes}
         missing = [names for names in guesses if names not in self.trials]
-        jobs = [self._way(names, guesses[names]) for names in missing]
+        ways: list[_Way] = []
+        for names in missing:
+            parts = [known for known in self.trials if known < names]
+            known = max(parts, key=lambda part: (len(part), self.factor(part)))
+            jobs, reached = [], known
+            for name in sorted(names - known):
+                reached = reached | {name}
+                size = guesses[names].get(name)
+                if size is None:
+                    size = self.step(self.base.names).guess(name)[1]
+                jobs.append((own[name], size, self._seed(reached)))
+            ways.append((self.trials[known], jobs))
         run = map if self.executor is None else self.executor.map
-        for names, fitted in zip(missing, run(_fitted_in_turn, jobs), strict=True):
+        for names, fitted in zip(missing, run(_fitted_in_turn, ways), strict=True):
             for trial in fitted:
                 self.trials.setdefault(trial.names, trial)
             if self.on_fit is not None:
                 self.on_fit(" and ".join(sorted(names)))
-
-    def _way(self, names: Names, sizes: Mapping[str, Floats]) -> "_Way":
-        """Return the fits that lead to a set from its best largest subset."""
-        parts = [known for known in self.trials if known < names]
-        known = max(parts, key=lambda part: (len(part), self.factor(part)))
-        own, jobs, reached = {c.name: c for c in self.causes}, [], known
-        for name in sorted(names - known):
-            reached = reached | {name}
-            size = sizes.get(name)
-            jobs.append(
-                (own[name], self._guessed(name) if size is None else size, self._seed(reached))
-            )
-        return self.trials[known], jobs
-
-    def _guessed(self, name: str) -> Floats:
-        return self.step(self.base.names).guess(name)[1]
 
     def settle(self, sets: Iterable[Names], draws: int = SETTLING) -> None:
         """Estimate the evidence of fitted sets from this many draws, once, see `trials.settled`."""
@@ -325,43 +336,17 @@ class Search:
         Screening is rough, and only a limited number of its best are fitted: while it puts a
         further cause above all of these, that one is fitted too.
         """
-        sets = self.fit(names, self.leaders(names))
-        while overlooked := self._overlooked(names, sets):
-            sets += self.fit(names, overlooked)
+        step, sets = self.step(names), self.fit(names, self.leaders(names))
+        while sets:
+            gains = (self.factor(one) - self.factor(names) for one in sets)
+            least = max(step.least_threshold - MARGIN, *gains)
+            fitted = frozenset().union(*sets)
+            left = {n: one.log_bayes_factor for n, one in step.screened.items() if n not in fitted}
+            overlooked = sorted((n for n in left if left[n] > least), key=lambda n: -left[n])
+            if not overlooked:
+                break
+            sets += self.fit(names, overlooked[: self.effort.fitted])
         return sets
-
-    def _overlooked(self, names: Names, sets: list[Names]) -> list[str]:
-        step = self.step(names)
-        gains = (self.factor(one) - self.factor(names) for one in sets)
-        least = max(step.least_threshold - MARGIN, *gains) if sets else np.inf
-        fitted = frozenset().union(*sets)
-        left = {n: one.log_bayes_factor for n, one in step.screened.items() if n not in fitted}
-        better = sorted((n for n in left if left[n] > least), key=lambda n: -left[n])
-        return better[: self.effort.fitted]
-
-    def _look(self, trial: CandidateFit) -> Step:
-        generator = np.random.default_rng(self._seed(trial.names, 1))
-        linear = trial.linear
-        simulate = partial(_simulated, trial, generator)
-        simulated = simulate(self.effort.replicates)
-        misfit = measure(linear, simulated)
-        misfit = resolved(misfit, linear, simulate, most=self.effort.most)
-        others = [cause for cause in self.causes if cause.name not in trial.names]
-        known = simulated[np.all(np.isfinite(simulated), axis=1)]
-        jobs = [(c, self._seed(trial.names | {c.name}, 2)) for c in others]
-        found = apply(partial(_screened, trial), jobs, self.executor)
-        screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
-        chance = factors_by_chance(linear, others, known)
-        least = naming_threshold(chance)
-        return Step(trial, misfit, known, screened, least, self._unbent(trial, others), chance)
-
-    def _unbent(self, trial: CandidateFit, causes: list[Cause]) -> dict[str, Screened]:
-        linear = trial.unbent()
-        if linear is None:
-            return {}
-        judged = [c for c in causes if not c.is_of_rupture_alone]
-        found = apply(partial(screen, linear), judged, self.executor)
-        return {cause.name: one for cause, one in zip(judged, found, strict=True)}
 
     def _seed(self, names: Names, use: int = 0) -> np.random.SeedSequence:
         known = [cause.name for cause in self.causes]
@@ -451,8 +436,12 @@ def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
     _ensure(search, rest)
     larger = [names for names in search.trials if names > rest and len(names) == len(chosen)]
     fitted = sorted(name for names in larger for name in names - rest)
-    own = next(one for one in search.trials[chosen].subject.causes if one.name == cause)
-    alike = _look_alikes(search.step(rest), own)
+    own = search.trials[chosen].cause(cause)
+    # look-alikes that screening, which cannot judge twins, does not put far behind
+    step = search.step(rest)
+    close = {*near(step.screened, -np.inf), *near(step.unbent, -np.inf), *own.twins}
+    named = dict.fromkeys([*own.twins, *own.confusable_with])
+    alike = [name for name in named if name in close and name in step.screened]
     leading = dict.fromkeys([*search.leaders(rest), *alike, *fitted])
     found = _factors_of(search, rest, [name for name in leading if name not in chosen])
     least = search.factor(chosen) - LEAST_FACTOR
@@ -466,17 +455,6 @@ def _factors_of(search: Search, rest: Names, added: list[str]) -> dict[str, floa
     """Return log Bayes factors of a set with each of several causes added, by cause."""
     sets = search.fit(rest, added)
     return dict(zip(added, (search.factor(names) for names in sets), strict=True))
-
-
-def _look_alikes(step: Step, cause: Cause) -> list[str]:
-    """Return look-alikes from the catalogue that screening does not put far behind.
-
-    Screening cannot judge twins, which no reading distinguishes.
-    """
-    least = -np.inf
-    close = {*near(step.screened, least), *near(step.unbent, least), *cause.twins}
-    named = dict.fromkeys([*cause.twins, *cause.confusable_with])
-    return [name for name in named if name in close and name in step.screened]
 
 
 def _added(search: Search, names: Names) -> Names:

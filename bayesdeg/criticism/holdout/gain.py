@@ -113,6 +113,16 @@ def _scores(
     chosen: NDArray[np.bool_],
 ) -> dict[str, object]:
     gap = log_ratio(held_out.log_density, base.log_density)[chosen]
+    names = [g for g, is_chosen in zip(subject.groups, chosen, strict=True) if is_chosen]
+    rows = np.isin(subject.group, names)
+    kind = subject.places.kind[rows][0]
+    rows = rows & (subject.places.kind == kind)
+    observed, draws, mean = subject.observed[rows], held_out.draws[:, rows], held_out.mean[rows]
+    ending = UNITS.get(str(kind), "")
+    # of the first kind of reading that is held out; the columns of curvature are always there
+    scores: dict[str, object] = {"rmse_per_m": np.nan, "crps_per_m": np.nan}
+    if ending == "_per_m":
+        scores = {}
     return {
         "model": name,
         "degradation_pct": label,
@@ -120,20 +130,7 @@ def _scores(
         "elpd_se": standard_error(held_out.log_density[chosen]),
         "elpd_diff": float(np.sum(gap)),
         "elpd_diff_se": standard_error(gap),
-        **_errors(subject, held_out, chosen),
-    }
-
-
-def _errors(subject: JointModel, held_out: HeldOut, chosen: NDArray[np.bool_]) -> dict[str, float]:
-    """Score the first kind of reading that is held out."""
-    names = [g for g, is_chosen in zip(subject.groups, chosen, strict=True) if is_chosen]
-    rows = np.isin(subject.group, names)
-    kind = subject.places.kind[rows][0]
-    rows = rows & (subject.places.kind == kind)
-    observed, draws, mean = subject.observed[rows], held_out.draws[:, rows], held_out.mean[rows]
-    ending = UNITS.get(str(kind), "")
-    found = {} if ending == "_per_m" else {"rmse_per_m": np.nan, "crps_per_m": np.nan}
-    return found | {
+        **scores,
         f"rmse{ending}": float(np.sqrt(np.mean((observed - mean) ** 2))),
         f"crps{ending}": float(np.mean(crps(np.nan_to_num(draws), observed))),
         "r_squared": r_squared(observed, mean),
@@ -235,8 +232,12 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     if len(known) < FEWEST or not len(observed):
         return _unavailable(len(known), draws)
     ordered = np.sort(known, axis=0)
-    pit = _shares(ordered, observed[None])[0]
-    simulated = _left_out(known)
+    columns = zip(ordered.T, observed, strict=True)
+    below = np.array([np.searchsorted(column, value) for column, value in columns])
+    pit = np.asarray((below + 0.5) / (len(ordered) + 1.0))
+    # the transform of every draw among the others
+    ranks = np.argsort(np.argsort(known, axis=0, kind="stable"), axis=0, kind="stable")
+    simulated = np.asarray((ranks + 0.5) / len(known))
     difference, null = _differences(pit[None])[0], _differences(simulated)
     mean, sd = null.mean(axis=0), np.maximum(null.std(axis=0), 1e-12)
     far = np.max(np.abs(null - mean) / sd, axis=1)
@@ -291,24 +292,6 @@ def _unavailable(known: int, draws: Floats) -> LooPit:
     return LooPit(
         readings, GRID, nothing, nothing, nothing, unknown, scatter, unknown, known, len(draws)
     )
-
-
-def _shares(ordered: Floats, readings: Floats) -> Floats:
-    """Return the rank of readings (k, n) among D draws, on (0, 1)."""
-    below = np.stack(
-        [
-            np.searchsorted(column, values)
-            for column, values in zip(ordered.T, readings.T, strict=True)
-        ],
-        axis=1,
-    )
-    return np.asarray((below + 0.5) / (len(ordered) + 1.0))
-
-
-def _left_out(draws: Floats) -> Floats:
-    """Return the transform of every draw among the others, (D, n)."""
-    ranks = np.argsort(np.argsort(draws, axis=0, kind="stable"), axis=0, kind="stable")
-    return np.asarray((ranks + 0.5) / len(draws))
 
 
 def _differences(pit: Floats) -> Floats:

@@ -89,7 +89,12 @@ def difference(held_out: HeldOut, base: HeldOut) -> tuple[float, float]:
     parts = [gap[held_out.kinds == kind] for kind in np.unique(held_out.kinds)]
     if len(parts) == 1:
         return float(np.sum(gap)), standard_error(gap)
-    errors = [standard_error(part) if len(part) > 1 else _single_error(part[0]) for part in parts]
+    # a single one: ln N(y | a, 1) - ln N(y | b, 1) has mean (a - b)²/2 if a is right, and standard
+    # deviation |a - b|
+    errors = [
+        standard_error(part) if len(part) > 1 else float(np.sqrt(2.0 * abs(part[0])))
+        for part in parts
+    ]
     return float(np.sum(gap)), float(np.sqrt(np.sum(np.square(errors))))
 
 
@@ -98,15 +103,6 @@ def standard_error(values: Floats) -> float:
     if len(values) < 2 or not np.all(np.isfinite(values)):
         return float("nan")
     return float(np.sqrt(len(values)) * np.std(values, ddof=1))
-
-
-def _single_error(gain: float) -> float:
-    """Return the standard error of a single gain g, √(2|g|).
-
-    For ln N(y | a, 1) - ln N(y | b, 1), with mean (a - b)²/2 if a is right and standard deviation
-    |a - b|.
-    """
-    return float(np.sqrt(2.0 * abs(gain)))
 
 
 def specimen_density(
@@ -291,13 +287,6 @@ def recalibrated(
         raise ValueError("give a start or the posterior of all groups")
     if begun is found and found.effective >= fewest:
         return found
-    return _chained(training, begun, effort, seed)
-
-
-def _chained(
-    training: JointModel, begun: Evidence, effort: Effort, seed: np.random.SeedSequence
-) -> Evidence:
-    """Return equally weighted draws of emcee, started at a poor importance sample."""
     chain = sample(training, begun, effort=effort, seed=seed)
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     effective = min(float(np.min(chain.effective())), float(len(flat)))

@@ -33,9 +33,10 @@ from bayesdeg.criticism.holdout.held_out import (
     recalibrated,
     smoothed,
     specimen_density,
+    standard_error,
 )
 from bayesdeg.inference.importance import about_mode, refitted
-from bayesdeg.inference.laplace import Evidence, approximate, weighted
+from bayesdeg.inference.laplace import approximate, weighted
 from bayesdeg.inference.model import JointModel, blocks_of, without
 from bayesdeg.inference.sampling import EFFORTS, Chain
 
@@ -100,14 +101,18 @@ def predict_left_out(
         Everything random comes from it.
     """
     training = without(model, [specimen])
-    testing = without(model, [name for name in _names(model) if name != specimen])
+    testing = without(model, [name for name in blocks_of(model) if name != specimen])
     best = draws[int(np.argmax(log_weights))]
     posterior = None
     if reached:
         known = weighted(draws, log_weights)
         posterior = refitted(training, known, np.random.default_rng(seed))
     generator = np.random.default_rng(seed)
-    if posterior is None or not _serves(posterior):
+    if (
+        posterior is None
+        or not posterior.effective >= FEWEST * ENOUGH_EFFECTIVE
+        or not posterior.pareto_k <= LARGEST_K
+    ):
         posterior = recalibrated(
             training, generator, seed, start=best, enough=ENOUGH_EFFECTIVE, effort=EFFORTS["quick"]
         )
@@ -128,11 +133,6 @@ def predict_left_out(
                 whole.log_evidence - posterior.log_evidence, wide, posterior.effective
             )
     return LeftOutPrediction(density, error, posterior.effective)
-
-
-def _serves(posterior: Evidence) -> bool:
-    enough = posterior.effective >= FEWEST * ENOUGH_EFFECTIVE
-    return enough and posterior.pareto_k <= LARGEST_K
 
 
 def bridge(
@@ -178,10 +178,6 @@ def bridge(
 
 def _density(testing: JointModel, draws: Floats) -> Floats:
     return specimen_density(testing, testing.table.named(draws))[2][:, 0]
-
-
-def _names(model: JointModel) -> tuple[str, ...]:
-    return tuple(blocks_of(model))
 
 
 Flags = NDArray[np.bool_]
@@ -250,8 +246,7 @@ class LeaveOneOut:
     @property
     def total_error(self) -> float:
         """Standard error of the sum, from the scatter over specimens; nan for a single one."""
-        count = len(self.elpd)
-        return float(np.sqrt(count) * np.std(self.elpd, ddof=1)) if count > 1 else float("nan")
+        return standard_error(self.elpd)
 
     def table(self) -> pd.DataFrame:
         """Return one row per specimen: the columns of ``leave_one_out.csv``."""

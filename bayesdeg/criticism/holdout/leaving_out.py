@@ -64,51 +64,6 @@ class FoldPlan:
         return HeldOut(log_density, draws)
 
 
-def predict_one_by_one(
-    trial: CandidateFit,
-    *,
-    seed: np.random.SeedSequence,
-    executor: Executor | None = None,
-) -> HeldOut:
-    """Predict each group from all others, as planned by `one_by_one`.
-
-    Parameters
-    ----------
-    trial : CandidateFit
-        Fitted to all groups.
-    seed : SeedSequence
-        A child for each group.
-    executor : Executor, optional
-        Runs calibrations side by side.
-    """
-    [found] = run_folds([one_by_one(trial, seed)], executor)
-    return found
-
-
-def predict_folds(
-    trial: CandidateFit,
-    fold: Folds,
-    *,
-    seed: np.random.SeedSequence,
-    executor: Executor | None = None,
-) -> HeldOut:
-    """Calibrate without each fold of groups in turn and predict it.
-
-    Parameters
-    ----------
-    trial : CandidateFit
-        Fitted to all groups.
-    fold : array of int, shape (n_groups,)
-        When each group is left out.
-    seed : SeedSequence
-        A child for each fold.
-    executor : Executor, optional
-        Runs the folds side by side.
-    """
-    [found] = run_folds([in_folds(trial, fold, seed)], executor)
-    return found
-
-
 def one_by_one(trial: CandidateFit, seed: np.random.SeedSequence) -> FoldPlan:
     """Plan to predict each group from all others.
 
@@ -152,7 +107,17 @@ def one_by_one(trial: CandidateFit, seed: np.random.SeedSequence) -> FoldPlan:
 
 
 def in_folds(trial: CandidateFit, fold: Folds, seed: np.random.SeedSequence) -> FoldPlan:
-    """Plan to calibrate without each fold of groups in turn; see `predict_folds`."""
+    """Plan to calibrate without each fold of groups in turn and predict it.
+
+    Parameters
+    ----------
+    trial : CandidateFit
+        Fitted to all groups.
+    fold : array of int, shape (n_groups,)
+        When each group is left out.
+    seed : SeedSequence
+        A child for each fold.
+    """
     trial = firm(trial, np.random.default_rng(seed))
     subject = trial.subject
     nothing = HeldOut(

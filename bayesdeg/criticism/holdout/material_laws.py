@@ -26,6 +26,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.criticism.holdout.held_out import standard_error
 from bayesdeg.material.degradation import levels as levels_of
 from bayesdeg.material.laws import (
     CONSTANTS,
@@ -297,14 +298,9 @@ def _find_noise(
     optimize = importlib.import_module("scipy.optimize")
     options = {"gtol": FLAT, "eps": STEP, "hess_inv0": inverse}
     found = optimize.minimize(loss, z, method="BFGS", options=options)
-    return np.asarray(found.x, dtype=np.float64), _definite(found.hess_inv)
-
-
-def _definite(inverse: Floats) -> Floats:
-    """Return an inverse Hessian with eigenvalues suited to logarithms."""
-    values, vectors = np.linalg.eigh(0.5 * (inverse + inverse.T))
+    values, vectors = np.linalg.eigh(0.5 * (found.hess_inv + found.hess_inv.T))
     kept: Floats = (vectors * np.clip(values, *VARIANCES)) @ vectors.T
-    return 0.5 * (kept + kept.T)
+    return np.asarray(found.x, dtype=np.float64), 0.5 * (kept + kept.T)
 
 
 def _find_coordinates(
@@ -374,15 +370,11 @@ def _calibrate(
     return Calibrated(point, precision, noise, FitStart(point.u, z, inverse))
 
 
-def _start(films: LevelFilms) -> Floats:
-    """Return noise at the medians of its priors, unconstrained."""
-    laws = (films.priors[name] for name in NOISE)
-    return np.array([float(law.to_unconstrained(law.quantile(0.5))) for law in laws])
-
-
 def _from_all_starts(form: LawForm, films: LevelFilms) -> Calibrated:
     """Calibrate a law to all films, from each of its starts; return the most probable."""
-    weights, z = np.ones(len(films.member)), _start(films)
+    laws = (films.priors[name] for name in NOISE)
+    weights = np.ones(len(films.member))
+    z = np.array([float(law.to_unconstrained(law.quantile(0.5))) for law in laws])
     found = [
         _calibrate(
             form,
@@ -539,10 +531,7 @@ class LawComparison:
         """Return the gain in elpd of a law over another, and its standard error over films."""
         gap = (fit.elpd - other.elpd)[slice(None) if rows is None else rows]
         gap = gap[np.isfinite(gap)]
-        if not len(gap):
-            return float("nan"), float("nan")
-        error = np.sqrt(len(gap)) * np.std(gap, ddof=1) if len(gap) > 1 else np.nan
-        return float(np.sum(gap)), float(error)
+        return float(np.sum(gap)) if len(gap) else float("nan"), standard_error(gap)
 
     @property
     def gain(self) -> tuple[float, float]:
@@ -559,8 +548,7 @@ class LawComparison:
     def errors(self) -> tuple[float, float]:
         """Root mean square errors of held-out films, of the best law and its rival [MPa]."""
         every = np.ones(len(self.level), bool)
-        both = (self._rms(fit.held_out_error, every) for fit in (self.best, self.rival))
-        first, second = both
+        first, second = (self._rms(fit.held_out_error, every) for fit in (self.best, self.rival))
         return first, second
 
     def table(self) -> pd.DataFrame:

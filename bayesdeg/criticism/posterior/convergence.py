@@ -88,6 +88,8 @@ def diagnose(
     standing, bulk = chain.judged(SamplerStatus()), chain.effective()
     ensembles, steps, walkers, _ = chain.vectors.shape
     times = ensembles * steps * walkers / bulk
+    wanted = standing.steps_wanted(effort)
+    longer = [e.longest for e in EFFORTS.values() if e.longest > effort.longest]
     return Convergence(
         density.table.names,
         tuple(chain.r_hat().tolist()),
@@ -99,13 +101,6 @@ def diagnose(
         standing.enough(effort),
         tuple(times.tolist()),
         effort,
-        _more_helps(standing, effort),
+        bool(longer) and (wanted < max(longer) or math.isinf(wanted)),
         tuple(shares),
     )
-
-
-def _more_helps(standing: SamplerStatus, effort: Effort) -> bool:
-    """Return whether the larger number of steps of a higher effort would suffice."""
-    wanted = standing.steps_wanted(effort)
-    longer = [e.longest for e in EFFORTS.values() if e.longest > effort.longest]
-    return bool(longer) and (wanted < max(longer) or math.isinf(wanted))

@@ -19,6 +19,7 @@ from bayesdeg.criticism.holdout.held_out import (
     recalibrated,
     smoothed,
     specimen_density,
+    standard_error,
 )
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
@@ -87,9 +88,7 @@ class OrderComparison:
     def difference(self, fit: OrderFit) -> tuple[float, float]:
         """Return the gain in elpd over the order used, and its standard error over films."""
         gap = fit.elpd - self._reference.elpd
-        count = len(gap)
-        error = np.sqrt(count) * np.std(gap, ddof=1) if count > 1 else np.nan
-        return float(np.sum(gap)), float(error)
+        return float(np.sum(gap)), standard_error(gap)
 
     def log_bayes_factor(self, fit: OrderFit) -> tuple[float, float]:
         """Return the log Bayes factor against the order used, and its Monte Carlo error."""
@@ -138,23 +137,21 @@ class OrderComparison:
     @property
     def better(self) -> int | None:
         """The order that predicts held-out films better and is more probable; None if none is."""
-        found = [fit for fit in self.others if self._is_better(fit)]
-        best = max(found, key=lambda fit: self.difference(fit)[0], default=None)
-        return None if best is None else best.order
+        gains = {fit.order: self.difference(fit) for fit in self.others}
+        factors = {fit.order: self.log_bayes_factor(fit)[0] for fit in self.others}
+        clear = (k for k, (gain, error) in gains.items() if gain > CLEARLY * error)
+        found = (k for k in clear if factors[k] > STRONG)
+        return max(found, key=lambda order: gains[order][0], default=None)
 
     @property
     def simpler(self) -> int | None:
         """The lowest order below the one used that is as good; None if none is."""
-        below = (fit for fit in self.others if fit.order < self.used and self._does_as_well(fit))
-        return next((fit.order for fit in below), None)
-
-    def _is_better(self, fit: OrderFit) -> bool:
-        gain, error = self.difference(fit)
-        return gain > CLEARLY * error and self.log_bayes_factor(fit)[0] > STRONG
-
-    def _does_as_well(self, fit: OrderFit) -> bool:
-        gain, error = self.difference(fit)
-        return gain > -CLEARLY * error and self.log_bayes_factor(fit)[0] > 0.0
+        for fit in self.others:
+            gain, error = self.difference(fit)
+            as_good = gain > -CLEARLY * error and self.log_bayes_factor(fit)[0] > 0.0
+            if fit.order < self.used and as_good:
+                return fit.order
+        return None
 
     @property
     def _reference(self) -> OrderFit:
@@ -278,18 +275,14 @@ def leave_films_out(
     smooth = smoothed(density[None], min(posterior.effective / DRAWS, 1.0))
     elpd, refitted = smooth.elpd.copy(), ~(smooth.pareto_k <= largest_k(DRAWS))
     for row in np.flatnonzero(refitted):
-        elpd[row] = _anew(films, int(row), posterior.log_evidence, children[row])
+        training = without(films, [tuple(blocks_of(films))[row]])
+        generator = np.random.default_rng(children[row])
+        # a separate start: draws of the posterior with the film may miss that without it
+        start = near_films(training, generator)
+        rest = recalibrated(training, generator, children[row], start=start, enough=DRAWS)
+        if np.isfinite(rest.log_evidence):
+            elpd[row] = posterior.log_evidence - rest.log_evidence
+        else:
+            density = specimen_density(films, films.table.named(rest.draws))[2][:, row]
+            elpd[row] = float(logsumexp(density)) - float(np.log(len(density)))
     return elpd, smooth.pareto_k, refitted
-
-
-def _anew(films: JointModel, row: int, log_evidence: float, seed: np.random.SeedSequence) -> float:
-    """Return the log predictive density of a film by the films calibrated without it."""
-    training = without(films, [tuple(blocks_of(films))[row]])
-    generator = np.random.default_rng(seed)
-    # a separate start: draws of the posterior with the film may miss that without it
-    start = near_films(training, generator)
-    rest = recalibrated(training, generator, seed, start=start, enough=DRAWS)
-    if np.isfinite(rest.log_evidence):
-        return log_evidence - rest.log_evidence
-    density = specimen_density(films, films.table.named(rest.draws))[2][:, row]
-    return float(logsumexp(density)) - float(np.log(len(density)))

@@ -289,53 +289,33 @@ def prior_sensitivity(model: JointModel, chain: Chain) -> PriorSensitivity:
     # a model without data has no likelihood, and the sum is 0
     nothing = np.zeros((len(vectors), len(values[model.table.names[0]]) // len(vectors)))
     whole = [Scaling.of(sum(density.values(), nothing)) for density in (log_prior, log_likelihood)]
-    rows = [
-        _sensitivity(
-            name,
-            draws.reshape(shape),
-            (whole[0], whole[1]),
-            (parts[0], parts[1]),
-            conclusion=name in stated,
+    rows = []
+    log_density = whole[0].log_density
+    for name, flat in (stated | values).items():
+        draws = flat.reshape(shape)
+        by_prior, by_data = (power_scaling(draws, part) for part in whole)
+        prior_noise, data_noise = (noise_of(draws, part) for part in whole)
+        spread = float(np.std(draws))
+        covariance = float(np.mean((draws - draws.mean()) * (log_density - log_density.mean())))
+        rows.append(
+            Sensitivity(
+                quantity=name,
+                conclusion=name in stated,
+                prior=by_prior,
+                likelihood=by_data,
+                prior_noise=prior_noise,
+                likelihood_noise=data_noise,
+                shift=float(np.log(2.0)) * covariance / spread if spread > 0.0 else 0.0,
+                hangs_on=_largest(draws, parts[0]) if noticeable(by_prior, prior_noise) else "",
+                rests_on=_largest(draws, parts[1]) if name in stated else "",
+            )
         )
-        for name, draws in (stated | values).items()
-    ]
     return PriorSensitivity(tuple(rows))
 
 
 def log_priors(table: ParameterTable, values: Named) -> dict[str, Floats]:
     """Return the log prior density of each parameter in its own unit, each (n,)."""
     return {p.name: p.law.log_density(values[p.name]) for p in table.parameters}
-
-
-def _sensitivity(
-    name: str,
-    draws: Floats,
-    whole: tuple[Scaling, Scaling],
-    parts: tuple[Mapping[str, Scaling], Mapping[str, Scaling]],
-    *,
-    conclusion: bool,
-) -> Sensitivity:
-    """Return the sensitivity of one quantity to prior and likelihood, ``whole`` and ``parts``."""
-    distances = [power_scaling(draws, part) for part in whole]
-    noises = [noise_of(draws, part) for part in whole]
-    return Sensitivity(
-        quantity=name,
-        conclusion=conclusion,
-        prior=distances[0],
-        likelihood=distances[1],
-        prior_noise=noises[0],
-        likelihood_noise=noises[1],
-        shift=_shift(draws, whole[0].log_density),
-        hangs_on=_largest(draws, parts[0]) if noticeable(distances[0], noises[0]) else "",
-        rests_on=_largest(draws, parts[1]) if conclusion else "",
-    )
-
-
-def _shift(draws: Floats, log_density: Floats) -> float:
-    """Change of the mean per doubling, ln 2 cov(q, ln p), over the standard deviation."""
-    spread = float(np.std(draws))
-    covariance = float(np.mean((draws - draws.mean()) * (log_density - log_density.mean())))
-    return float(np.log(2.0)) * covariance / spread if spread > 0.0 else 0.0
 
 
 def _largest(draws: Floats, parts: Mapping[str, Scaling]) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from bayesdeg.criticism.checks.count_misfit import PUBLISHED
+from bayesdeg.criticism.findings import RuptureCountsEntry
 from bayesdeg.material.degradation import LEVEL_WIDTH
 from bayesdeg.quantities import UNLOADING, axis_label
 from bayesdeg.report.drawing import (
@@ -36,7 +37,6 @@ from bayesdeg.report.drawing import (
     single,
     styled,
 )
-from bayesdeg.report.record import RuptureCountsEntry
 from bayesdeg.report.summaries import BASE, FINAL, by_level, nearest_level, panel_levels
 from bayesdeg.report.wording import level_words, model_words
 
@@ -137,11 +137,11 @@ def _draw_counts(
     """Draw the shares of a level that burst, published ones filled, with 90 % intervals."""
     for one in counts:
         for row in one.levels:
-            if row.degradation_pct is None or abs(row.degradation_pct - level) > LEVEL_WIDTH:
+            if not abs(row.degradation_pct - level) <= LEVEL_WIDTH:
                 continue
-            burst, tested = float(row.ruptured or 0.0), float(row.tested or 1.0)
+            burst, tested = float(row.ruptured), float(row.tested)
             low, high = share_interval(burst, tested)
-            at = float(row.pressure_kPa or 0.0) + APART * place
+            at = row.pressure_kPa + APART * place
             axes.plot([at, at], [low, high], color=colour, lw=0.8)
             fill = colour if one.source == PUBLISHED else PAPER
             axes.plot([at], [burst / tested], "o", ms=3.5, mec=colour, mfc=fill)
