@@ -23,6 +23,7 @@ from pydantic import (
     ValidationInfo,
     model_validator,
 )
+from pydantic.config import JsonDict
 from pydantic_core import ErrorDetails
 
 #: No quantity is larger in any unit; its square is still finite.
@@ -204,7 +205,7 @@ def inner(meaning: str, default: object = math.nan, *, column: str = "") -> Any:
     column : str
         Its name in tables, if that is not the name of the field.
     """
-    extra = {"column": column} if column else None
+    extra: JsonDict | None = {"column": column} if column else None
     return Field(default=default, description=meaning, exclude=True, json_schema_extra=extra)
 
 

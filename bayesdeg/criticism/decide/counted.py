@@ -204,7 +204,7 @@ def judge_counts(
     told.pop(COMMON_FACTOR.name)
     vectors = known[:OTHERS_DRAWS]
     chosen = parent.subject.films_and_actuators.criterion
-    others_say = {
+    others_say: dict[str, float] = {
         criterion: count_misfit(
             parent.subject.with_world(criterion=criterion), counts, vectors, generator, PUBLISHED
         ).p_value
