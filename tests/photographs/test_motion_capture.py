@@ -12,9 +12,9 @@ from bayesdeg.actuator.line import read_line
 from bayesdeg.commands.check import check
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.errors import StudyError
-from bayesdeg.pipeline import c3d, captured
-from bayesdeg.pipeline.c3d import read_c3d
-from bayesdeg.pipeline.captured import error_of_mean, fitted_plane, shifted, stated_plane
+from bayesdeg_camera import c3d, captures
+from bayesdeg_camera.c3d import read_c3d
+from bayesdeg_camera.captures import error_of_mean, fitted_plane, shifted, stated_plane
 from bayesdeg.pipeline.reading import read_study
 from tests.photographs.recordings import LENGTH, TURNED, WHERE, arc, names, write_c3d
 

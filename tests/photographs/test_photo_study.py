@@ -11,12 +11,11 @@ from PIL import Image
 from bayesdeg.actuator.line import read_line
 from bayesdeg.actuator.reading import bottom_lines, evenly, line_of_reading
 from bayesdeg.commands.check import check
-from bayesdeg.data.photographs import TracedPhotograph, messages
+from bayesdeg.data.photographs import TracedPhotograph, messages, trace_rows
 from bayesdeg.errors import StudyError
-from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.record import trace_rows
-from bayesdeg.pipeline import traced
-from bayesdeg.pipeline.pictures import SIDE, lines_on, pictures_of, write_pictures
+from bayesdeg_camera.tracing.plane import mapped
+from bayesdeg_camera import photographs as traced
+from bayesdeg_camera.pictures import SIDE, lines_on, pictures_of, write_pictures
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.report.drawing import Shown

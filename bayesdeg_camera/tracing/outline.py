@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.marks import Marks
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.marks import Marks
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 

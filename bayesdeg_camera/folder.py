@@ -20,9 +20,9 @@ from bayesdeg.files import (
     write_text,
     written,
 )
-from bayesdeg.photographs.picture import Colours, read_picture
-from bayesdeg.photographs.record import hash_of, tables_of
-from bayesdeg.photographs.trace import PHOTO_MB
+from bayesdeg_camera.tracing.picture import Colours, read_picture
+from bayesdeg_camera.tracing.record import hash_of, tables_of
+from bayesdeg_camera.tracing.trace import PHOTO_MB
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse.csgraph import minimum_spanning_tree, shortest_path
 from scipy.spatial.distance import cdist
 
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 Values = NDArray[np.float32]

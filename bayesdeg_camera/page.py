@@ -20,13 +20,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.commands.trace_folder import picture_of, read_traces, save_correction
+from bayesdeg_camera.folder import picture_of, read_traces, save_correction
 from bayesdeg.console import errors
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import parse_json, reason
-from bayesdeg.photographs.record import corrected
-from bayesdeg.photographs.trace import OUTSIDE
+from bayesdeg_camera.tracing.record import corrected
+from bayesdeg_camera.tracing.trace import OUTSIDE
 from bayesdeg.pipeline.output import claimed
 
 Floats = NDArray[np.float64]

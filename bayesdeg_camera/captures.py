@@ -31,8 +31,8 @@ from bayesdeg.data.tables import of_actuators
 from bayesdeg.errors import Fault, StudyError, use_one_of
 from bayesdeg.files import read_bytes, reason
 from bayesdeg.observations.markers import with_lines
-from bayesdeg.pipeline.c3d import Recording, is_readable, read_c3d
-from bayesdeg.pipeline.places import named_files
+from bayesdeg_camera.c3d import Recording, is_readable, read_c3d
+from bayesdeg_camera.places import named_files
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 

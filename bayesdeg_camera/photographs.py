@@ -26,11 +26,11 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, ResumableError, StudyError
 from bayesdeg.files import RUN_MB, STUDY_MB, parse_json, read_bytes, reason, write_text
 from bayesdeg.observations.markers import LONGEST, SHORTEST, with_lines
-from bayesdeg.photographs.lines import line_of, parse_lines
-from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.record import hash_of, marker_rows, recorded
-from bayesdeg.photographs.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace
-from bayesdeg.pipeline.places import named_files, wrong_place
+from bayesdeg_camera.tracing.lines import line_of, parse_lines
+from bayesdeg_camera.tracing.picture import read_picture
+from bayesdeg_camera.tracing.record import hash_of, marker_rows, recorded
+from bayesdeg_camera.tracing.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace
+from bayesdeg_camera.places import named_files, wrong_place
 from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
@@ -214,7 +214,7 @@ class _Tracing:
 @cache
 def _code() -> str:
     """Return a hash of the tracing code."""
-    folder = importlib.resources.files("bayesdeg.photographs")
+    folder = importlib.resources.files("bayesdeg_camera.tracing")
     modules = sorted(
         (one for one in folder.iterdir() if one.name.endswith(".py")), key=lambda one: one.name
     )

@@ -8,9 +8,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.data.photographs import Places, TracedPhotograph
-from bayesdeg.photographs.picture import Colours
-from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.trace import BY_HAND, Trace, angle_and_length, into_frame, with_bent_ends
+from bayesdeg_camera.tracing.picture import Colours
+from bayesdeg_camera.tracing.plane import mapped
+from bayesdeg_camera.tracing.trace import BY_HAND, Trace, angle_and_length, into_frame, with_bent_ends
 
 Floats = NDArray[np.float64]
 

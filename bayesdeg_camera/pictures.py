@@ -23,10 +23,10 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import read_bytes
 from bayesdeg.material.degradation import levels
-from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.record import hash_of
-from bayesdeg.photographs.trace import PHOTO_MB, into_frame
+from bayesdeg_camera.tracing.picture import read_picture
+from bayesdeg_camera.tracing.plane import mapped
+from bayesdeg_camera.tracing.record import hash_of
+from bayesdeg_camera.tracing.trace import PHOTO_MB, into_frame
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import fitted_inputs
 from bayesdeg.report.folder import PICTURES, RunFolder

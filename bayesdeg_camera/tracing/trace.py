@@ -10,11 +10,11 @@ from scipy.special import expit, logit
 
 from bayesdeg.data.settings import FEWEST_POINTS
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import POINTS, STIFF, Edge, find_edge
-from bayesdeg.photographs.marks import find_marks
-from bayesdeg.photographs.outline import Silhouette, arc_of, find_body, len_of
-from bayesdeg.photographs.picture import Colours
-from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
+from bayesdeg_camera.tracing.edges import POINTS, STIFF, Edge, find_edge
+from bayesdeg_camera.tracing.marks import find_marks
+from bayesdeg_camera.tracing.outline import Silhouette, arc_of, find_body, len_of
+from bayesdeg_camera.tracing.picture import Colours
+from bayesdeg_camera.tracing.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
 from bayesdeg.quantities import Side
 
 Floats = NDArray[np.float64]

@@ -13,9 +13,9 @@ from scipy.signal import savgol_filter
 from scipy.spatial.distance import cdist
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.marks import Marks
-from bayesdeg.photographs.outline import Silhouette, arc_of, len_of
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.marks import Marks
+from bayesdeg_camera.tracing.outline import Silhouette, arc_of, len_of
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 Values = NDArray[np.float32]
