@@ -1,37 +1,29 @@
-"""``bayesdeg trace``: from photographs to points on the bottom line, in mm."""
+"""The work of ``bayesdeg trace``: from photographs to points on the bottom line, in mm."""
 
 import io
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import typer
-from numpy.typing import NDArray
 
-from bayesdeg_camera.folder import (
-    refuse_lost_corrections,
-    way_to,
-    write_overlay,
-    write_traces,
-)
-from bayesdeg_camera.page import serve
 from bayesdeg.console import errors, output
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
+from bayesdeg.quantities import SIDES, Side
+from bayesdeg_camera.folder import refuse_lost_corrections, way_to, write_overlay, write_traces
+from bayesdeg_camera.page import serve
 from bayesdeg_camera.tracing.lines import line_of, parse_lines
 from bayesdeg_camera.tracing.picture import read_picture
 from bayesdeg_camera.tracing.record import recorded
 from bayesdeg_camera.tracing.trace import PHOTO_MB, PictureScale, trace
-from bayesdeg.quantities import SIDES, Side
-
-Floats = NDArray[np.float64]
 
 _SIZE = re.compile(r"\s*([0-9.eE+-]+)\s*(mm)?\s*")
+_SIDES: Mapping[str, Side] = {side: side for side in SIDES}
 
 
 def trace_photographs(
@@ -51,68 +43,49 @@ def trace_photographs(
 ) -> None:
     """Do what `interface.trace_photographs` says."""
     if page is not None:
-        _refuse_with_page(photos, out)
+        if photos or out is not None:
+            raise typer.BadParameter("--page shows earlier traces; give it without photographs")
         serve(page, port)
         return
     if not photos or out is None:
         raise typer.BadParameter("give photographs and --out FOLDER, or --page FOLDER")
-    hints = {} if hint is None else parse_lines(str(hint), _content(hint))
-    lines = {} if line is None else parse_lines(str(line), _content(line))
-    asked = _Asked(_scale(grid, ruler, length, scale), _side(base), hints, lines, seed)
-    rows = _table(about)
-    _refuse_alike(photos)
-    _refuse_beside(photos, out)
+    hints, lines = (
+        {} if path is None else parse_lines(str(path), _content(path)) for path in (hint, line)
+    )
+    known = _scale(grid, ruler, length, scale)
+    side = _SIDES.get(base or "")
+    if base is not None and side is None:
+        raise typer.BadParameter(f"--base {base!r}: write {', '.join(SIDES)}")
+    rows = None if about is None else _table(about)
+    _refuse_names(photos, out)
     refuse_lost_corrections(out)
-    of_each = {path: _about(about, rows, path.name) for path in photos}
-    found = [_traced(path, out, asked, known) for path, known in of_each.items()]
-    write_traces(out, found)
-    _report(found)
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """Settings for tracing all photographs."""
-
-    scale: PictureScale
-    base: Side | None
-    hints: Mapping[str, Floats]
-    lines: Mapping[str, Floats]
-    seed: int
-
-
-def _traced(path: Path, out: Path, asked: _Asked, known: dict[str, Any]) -> TracedPhotograph:
-    """Trace a photograph and draw its line, or record why it was refused."""
-    name, rng = path.name, np.random.default_rng(asked.seed)
-    try:
-        content = _content(path, most_mb=PHOTO_MB)
-        image = read_picture(name, content)
-        hint, line = line_of(asked.hints, name), line_of(asked.lines, name)
-        found = trace(image, asked.scale, rng=rng, hint=hint, line=line, base=asked.base)
-    except BayesdegError as fault:
-        return TracedPhotograph(file=name, refused=str(fault).removeprefix(f"{name}: "), **known)
-    record = recorded(name, content, image, found)
-    about = {**known, "place": way_to(out, path), "corrected": line is not None}
-    record = record.model_copy(update=about)
-    write_overlay(out, record, image, found.plane.target)
-    return record
-
-
-def _report(found: Sequence[TracedPhotograph]) -> None:
-    """Print doubts, and raise if a photograph could not be traced."""
-    for one in found:
-        for doubt in one.not_sure:
-            errors.print(f"{one.file}: not sure: {doubt}", soft_wrap=True, markup=False)
-    wrong = [f"{one.file}: {one.refused}" for one in found if one.refused]
-    if len(wrong) < len(found):
-        count = f"{len(found) - len(wrong)} of {len(found)} photographs traced"
+    facts = {path: _facts(about, rows, path.name) for path in photos}
+    records = []
+    for path, fact in facts.items():
+        name, rng = path.name, np.random.default_rng(seed)
+        near, by_hand = line_of(hints, name), line_of(lines, name)
+        try:
+            content = _content(path, most_mb=PHOTO_MB)
+            image = read_picture(name, content)
+            found = trace(image, known, rng=rng, hint=near, line=by_hand, base=side)
+        except BayesdegError as fault:
+            why = str(fault).removeprefix(f"{name}: ")
+            records.append(TracedPhotograph(file=name, refused=why, **fact))
+            continue
+        fact |= {"place": way_to(out, path), "corrected": by_hand is not None}
+        record = recorded(name, content, image, found).model_copy(update=fact)
+        write_overlay(out, record, image, found.plane.target)
+        records.append(record)
+    write_traces(out, records)
+    for record in records:
+        for doubt in record.not_sure:
+            errors.print(f"{record.file}: not sure: {doubt}", soft_wrap=True, markup=False)
+    wrong = [f"{record.file}: {record.refused}" for record in records if record.refused]
+    if len(wrong) < len(records):
+        count = f"{len(records) - len(wrong)} of {len(records)} photographs traced"
         output().print(count, soft_wrap=True)
     if wrong:
         raise BayesdegError("\n".join(wrong))
-
-
-def _refuse_with_page(photos: list[Path] | None, out: Path | None) -> None:
-    if photos or out is not None:
-        raise typer.BadParameter("--page shows earlier traces; give it without photographs")
 
 
 def _size(text: str | None, option: str) -> float | None:
@@ -143,16 +116,8 @@ def _scale(
     return known
 
 
-_SIDES: Mapping[str, Side] = {side: side for side in SIDES}
-
-
-def _side(base: str | None) -> Side | None:
-    if base is not None and base not in _SIDES:
-        raise typer.BadParameter(f"--base {base!r}: write {', '.join(SIDES)}")
-    return None if base is None else _SIDES[base]
-
-
-def _refuse_alike(photos: list[Path]) -> None:
+def _refuse_names(photos: list[Path], out: Path) -> None:
+    """Refuse photographs of one name, and the folder of a photograph for the results."""
     stems = [path.stem for path in photos]
     for path in photos:
         if stems.count(path.stem) > 1:
@@ -160,9 +125,6 @@ def _refuse_alike(photos: list[Path]) -> None:
                 f"{path}: another photograph has the same name; rename one, or trace them into "
                 "separate folders"
             )
-
-
-def _refuse_beside(photos: list[Path], out: Path) -> None:
     for path in photos:
         if path.parent.resolve() == out.resolve():
             raise BayesdegError(
@@ -180,9 +142,7 @@ def _content(path: Path, most_mb: float = STUDY_MB) -> bytes:
         ) from fault
 
 
-def _table(path: Path | None) -> pd.DataFrame | None:
-    if path is None:
-        return None
+def _table(path: Path) -> pd.DataFrame:
     try:
         frame = pd.read_csv(io.BytesIO(_content(path)), comment="#", encoding="utf-8-sig")
     except ValueError as fault:
@@ -192,7 +152,7 @@ def _table(path: Path | None) -> pd.DataFrame | None:
     return frame
 
 
-def _about(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, Any]:
+def _facts(path: Path | None, rows: pd.DataFrame | None, name: str) -> dict[str, Any]:
     """Return the facts about a photograph; by default its name is the specimen's."""
     if rows is None:
         return {"specimen_id": Path(name).stem}

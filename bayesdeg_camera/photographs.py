@@ -8,10 +8,10 @@ tracing code, in the working directory and never in the study.
 import importlib.resources
 import json
 import re
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -26,19 +26,18 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, ResumableError, StudyError
 from bayesdeg.files import RUN_MB, STUDY_MB, parse_json, read_bytes, reason, write_text
 from bayesdeg.observations.markers import LONGEST, SHORTEST, with_lines
+from bayesdeg.pipeline.progress import Progress
+from bayesdeg_camera.places import contradictions, named_files, raise_faults, wrong_place
 from bayesdeg_camera.tracing.lines import line_of, parse_lines
 from bayesdeg_camera.tracing.picture import read_picture
 from bayesdeg_camera.tracing.record import hash_of, marker_rows, recorded
 from bayesdeg_camera.tracing.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace
-from bayesdeg_camera.places import named_files, wrong_place
-from bayesdeg.pipeline.progress import Progress
 
 Floats = NDArray[np.float64]
 
 CACHE = Path(".cache/traces")
 FEWEST_LENGTHS = 4  # lengths needed for a median
 SEED = 1  # seed of the error estimates, as in the command
-_MARKERS, _PHOTOS = "markers", "photos"
 _OPTION = re.compile(r"--(grid|ruler|length|scale|base|hint|line)\b")
 
 
@@ -52,57 +51,57 @@ def with_photographs(study: Study, progress: Progress, kept: Path = CACHE) -> St
     progress : Progress
         Shows the work.
     kept : Path
-        Where what was traced is kept; nothing is, where that is in the study.
+        Cache of traces; not used if it is inside the study.
 
     Raises
     ------
     StudyError
-        If a photograph is not there, is outside the study or no picture, or none can be traced.
+        If a photograph is missing, is outside the study or no picture, or none can be traced.
     """
-    table = study.table(_PHOTOS)
+    table, options = study.table("photos"), study.settings.photographs
     assert table is not None
-    _raise(_wrong_study(study))
+    faults = contradictions(study, FILE, "photographs")
+    if not options.has_scale:
+        problem = "states no scale of the photographs"
+        remedy = "give grid, ruler, length or scale in mm"
+        faults.append(Fault(SETTINGS_FILE, problem, remedy, None, "photographs"))
+    raise_faults(faults)
     names = map(str, table["file"])
     places, faults = named_files(study.folder, FILE, FOLDER, names, "photographs")
-    _raise(faults)
-    by_hand, hashes = _set_by_hand(study)
-    tracing = _Tracing(study.settings.photographs, by_hand, _outside(kept, study.folder))
+    raise_faults(faults)
+    hints, hashes = _lines_in(study, "hint", options.hint)
+    lines, hashes_of_lines = _lines_in(study, "line", options.line)
+    inside = kept.resolve().is_relative_to(study.folder.resolve())
+    tracing = _Tracing(options, hints, lines, None if inside else kept)
     progress.stage("tracing photographs", len(places))
     found: list[TracedPhotograph] = []
-    wrong: list[Fault] = []
     for name, path in places.items():
         try:
             found.append(tracing.of(name, path))
         except StudyError as fault:
-            wrong += fault.faults
+            faults += fault.faults
         progress.advance(note=name)
-    _raise(wrong)
-    about = table.to_dict("records")
-    found = [_labelled(one, row) for one, row in zip(found, about, strict=True)]
-    found = _of_one_length(found, study.geometry.length)
-    hashes |= {f"{FOLDER}/{one.file}": one.sha256 for one in found}
-    return _read(study, found, hashes)
-
-
-def _read(study: Study, found: list[TracedPhotograph], hashes: Mapping[str, str]) -> Study:
-    """Read the lines of photographs like those of ``markers.csv``."""
-    table = study.table(_PHOTOS)
-    assert table is not None
-    lines = [
-        marker_rows(one, {str(name): value for name, value in row.items()})
-        for one, row in zip(found, table.to_dict("records"), strict=True)
-        if not one.refused
+    raise_faults(faults)
+    rows = [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
+    columns = {"specimen_id": "specimen_id", "pressure": "pressure_kPa"}
+    columns["degradation"] = "degradation_pct"
+    found = [
+        one.model_copy(update={name: row[column] for name, column in columns.items()})
+        for one, row in zip(found, rows, strict=True)
     ]
-    if not lines:
+    found = _of_one_length(found, study.geometry.length)
+    read = [marker_rows(one, row) for one, row in zip(found, rows, strict=True) if not one.refused]
+    if not read:
         why = f"{found[0].file}: {found[0].refused}"
         problem = f"has {len(found)} photographs, but no line could be traced in any"
         raise StudyError([Fault(FILE, problem, f"the first: {why}")])
     pixels = dict.fromkeys(("x_px", "y_px", "scale_mm_per_px"), np.nan)
-    markers = pd.concat(lines, ignore_index=True).assign(**pixels)
+    markers = pd.concat(read, ignore_index=True).assign(**pixels)
+    hashes |= hashes_of_lines | {f"{FOLDER}/{one.file}": one.sha256 for one in found}
     traced = replace(
         study,
-        others={**study.others, _MARKERS: markers},
-        recorded={**study.recorded, _MARKERS: study.recorded.get(_PHOTOS, frozenset())},
+        others={**study.others, "markers": markers},
+        recorded={**study.recorded, "markers": study.recorded.get("photos", frozenset())},
         hashes={**study.hashes, **hashes},
         photographs=tuple(found),
     )
@@ -118,41 +117,39 @@ def _of_one_length(found: list[TracedPhotograph], moulded: float) -> list[Traced
     usual = float(np.median(lengths)) if len(lengths) >= FEWEST_LENGTHS else None
     kept = []
     for one in found:
-        why = "" if one.refused else _odd_length(one.length_mm, usual, moulded)
-        kept.append(one.model_copy(update={"refused": why}) if why else one)
+        other = ""
+        if one.refused:
+            pass
+        elif not SHORTEST <= one.length_mm / moulded <= LONGEST:
+            other = f"but the actuator is moulded with {moulded:.3g} mm"
+        elif usual is not None and abs(one.length_mm / usual - 1.0) > LENGTH_AGREES:
+            other = f"the median of all {usual:.3g} mm"
+        remedy = "mark the line with [photographs] hint, and check the scale"
+        why = f"its line measures {one.length_mm:.3g} mm, {other}; {remedy}"
+        kept.append(one.model_copy(update={"refused": why}) if other else one)
     return kept
 
 
-def _odd_length(length: float, usual: float | None, moulded: float) -> str:
-    remedy = "mark the line with [photographs] hint, and check the scale"
-    if not SHORTEST <= length / moulded <= LONGEST:
-        found = f"{length:.3g} mm, but the actuator is moulded with {moulded:.3g} mm"
-        return f"its line measures {found}; {remedy}"
-    if usual is not None and abs(length / usual - 1.0) > LENGTH_AGREES:
-        return f"its line measures {length:.3g} mm, the median of all {usual:.3g} mm; {remedy}"
-    return ""
-
-
-def _labelled(photograph: TracedPhotograph, row: Mapping[Hashable, object]) -> TracedPhotograph:
-    names = {"specimen_id": "specimen_id", "pressure": "pressure_kPa"}
-    names["degradation"] = "degradation_pct"
-    return photograph.model_copy(update={name: row[column] for name, column in names.items()})
-
-
 @dataclass(frozen=True)
-class _ByHand:
-    """Lines by photograph: hints near the edge, and lines given instead of tracing."""
+class _Tracing:
+    """Traces photographs of one study, or finds earlier traces.
 
+    ``hints`` are lines near the edge by photograph, ``lines`` those given instead of tracing.
+    """
+
+    options: PhotographOptions
     hints: Mapping[str, Floats]
     lines: Mapping[str, Floats]
+    kept: Path | None
 
-
-class _Tracing:
-    """Traces photographs of one study, or finds earlier traces."""
-
-    def __init__(self, options: PhotographOptions, by_hand: _ByHand, kept: Path | None) -> None:
-        self._options, self._by_hand, self._kept = options, by_hand, kept
-        self._scale = PictureScale(options.grid, options.ruler, options.length, options.scale)
+    @cached_property
+    def code(self) -> str:
+        """A hash of the tracing code."""
+        folder = importlib.resources.files("bayesdeg_camera.tracing")
+        modules = sorted(
+            (one for one in folder.iterdir() if one.name.endswith(".py")), key=lambda one: one.name
+        )
+        return hash_of(b"".join(one.read_bytes() for one in modules))
 
     def of(self, name: str, path: Path) -> TracedPhotograph:
         """Return the trace of a photograph, or why there is none.
@@ -168,41 +165,36 @@ class _Tracing:
             remedy = "give a readable photograph"
             problem = f"cannot be read ({reason(fault)})"
             raise StudyError([Fault(f"{FOLDER}/{name}", problem, remedy)]) from fault
-        key = self._key(name, content)
-        known = self._known(key)
-        if known is None:
-            known = self._traced(name, content)
-            if self._kept is not None:
-                with suppress(ResumableError):  # without write access nothing is kept
-                    write_text(self._kept / f"{key}.json", known.text())
-        return known.model_copy(update={"file": name})
-
-    def _key(self, name: str, content: bytes) -> str:
-        of_each = {"hint": self._by_hand.hints, "line": self._by_hand.lines}
-        own = {key: line_of(lines, name) for key, lines in of_each.items()}
+        if self.kept is None:
+            return self._traced(name, content)
+        own = {"hint": line_of(self.hints, name), "line": line_of(self.lines, name)}
         points = {key: None if line is None else line.tolist() for key, line in own.items()}
-        options = asdict(self._options) | points
-        asked = json.dumps([_code(), cv2.__version__, options], sort_keys=True)
-        return hash_of(content + asked.encode())
-
-    def _known(self, key: str) -> TracedPhotograph | None:
-        if self._kept is None:
-            return None
+        asked = [self.code, cv2.__version__, asdict(self.options) | points]
+        key = hash_of(content + json.dumps(asked, sort_keys=True).encode())
         with suppress(OSError, ValueError):  # a damaged trace is made again
-            content = read_bytes(self._kept / f"{key}.json", most_mb=RUN_MB)
-            return TracedPhotograph.read(parse_json(content))
-        return None
+            known = read_bytes(self.kept / f"{key}.json", most_mb=RUN_MB)
+            return TracedPhotograph.read(parse_json(known)).model_copy(update={"file": name})
+        found = self._traced(name, content)
+        with suppress(ResumableError):  # without write access nothing is kept
+            write_text(self.kept / f"{key}.json", found.text())
+        return found
 
     def _traced(self, name: str, content: bytes) -> TracedPhotograph:
         try:
             image = read_picture(name, content)
         except BayesdegError as fault:
-            problem, _, remedy = str(fault).removeprefix(f"{name}: ").partition("; ")
-            raise StudyError([Fault(f"{FOLDER}/{name}", problem, remedy)]) from fault
-        hint, line = (line_of(one, name) for one in (self._by_hand.hints, self._by_hand.lines))
-        rng, base = np.random.default_rng(SEED), self._options.base
+            raise StudyError([_fault_in(name, fault, f"{FOLDER}/{name}")]) from fault
+        options, line = self.options, line_of(self.lines, name)
+        scale = PictureScale(options.grid, options.ruler, options.length, options.scale)
         try:
-            found = trace(image, self._scale, rng=rng, hint=hint, line=line, base=base)
+            found = trace(
+                image,
+                scale,
+                rng=np.random.default_rng(SEED),
+                hint=line_of(self.hints, name),
+                line=line,
+                base=options.base,
+            )
         except BayesdegError as fault:
             why = _OPTION.sub(r"[photographs] \1", str(fault))
             return TracedPhotograph(file=name, sha256=hash_of(content), refused=why)
@@ -211,49 +203,14 @@ class _Tracing:
         return record.model_copy(update={"not_sure": doubts, "corrected": line is not None})
 
 
-@cache
-def _code() -> str:
-    """Return a hash of the tracing code."""
-    folder = importlib.resources.files("bayesdeg_camera.tracing")
-    modules = sorted(
-        (one for one in folder.iterdir() if one.name.endswith(".py")), key=lambda one: one.name
-    )
-    return hash_of(b"".join(one.read_bytes() for one in modules))
-
-
-def _outside(kept: Path, study: Path) -> Path | None:
-    """Return a folder unless it is inside the study, where nothing is written."""
-    return None if kept.resolve().is_relative_to(study.resolve()) else kept
-
-
-def _raise(faults: Iterator[Fault] | list[Fault]) -> None:
-    if found := tuple(faults):
-        raise StudyError(found)
-
-
-def _wrong_study(study: Study) -> Iterator[Fault]:
-    for name, file in (("actuator", "actuator.csv"), (_MARKERS, "markers.csv")):
-        if study.table(name) is not None:
-            remedy = "keep either the photographs or the readings from them"
-            yield Fault(FILE, f"is given together with {file}", remedy)
-    if not study.settings.photographs.has_scale:
-        problem = "states no scale of the photographs"
-        remedy = "give grid, ruler, length or scale in mm"
-        yield Fault(SETTINGS_FILE, problem, remedy, None, "photographs")
-    if not study.settings.is_default_mould:
-        problem = "is available only for the default actuator, not for points on a different one"
-        yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
-
-
-def _set_by_hand(study: Study) -> tuple[_ByHand, dict[str, str]]:
-    """Return hints and given lines, and the hashes of their files."""
-    options = study.settings.photographs
-    hints, hash_of_hints = _lines_in(study, "hint", options.hint)
-    lines, hash_of_lines = _lines_in(study, "line", options.line)
-    return _ByHand(hints, lines), hash_of_hints | hash_of_lines
+def _fault_in(name: str, error: BayesdegError, file: str) -> Fault:
+    """Return the fault that an error about a file states as "name: problem; remedy"."""
+    problem, _, remedy = str(error).removeprefix(f"{name}: ").partition("; ")
+    return Fault(file, problem, remedy)
 
 
 def _lines_in(study: Study, key: str, name: str | None) -> tuple[dict[str, Floats], dict[str, str]]:
+    """Return the lines of the file that a setting names, and its hash; neither without it."""
     if name is None:
         return {}, {}
     place = (f"photographs.{key}", name)
@@ -268,5 +225,4 @@ def _lines_in(study: Study, key: str, name: str | None) -> tuple[dict[str, Float
         remedy = "name a file of the study with x_px and y_px, or ROIs of ImageJ"
         raise StudyError([Fault(SETTINGS_FILE, problem, remedy, None, *place)]) from fault
     except BayesdegError as fault:
-        problem, _, remedy = str(fault).removeprefix(f"{name}: ").partition("; ")
-        raise StudyError([Fault(name, problem, remedy)]) from fault
+        raise StudyError([_fault_in(name, fault, name)]) from fault

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.errors import BayesdegError
 from bayesdeg_camera import page as trace_page
 from bayesdeg_camera.folder import TraceFile, read_traces, refuse_lost_corrections, write_traces
-from bayesdeg.errors import BayesdegError
 from bayesdeg_camera.tracing.trace import BY_HAND
 from tests.photographs.traced_folder import SCALE, served, traced_folder
 

@@ -17,7 +17,13 @@ from bayesdeg_camera.tracing.outline import Silhouette, _with_slots
 from bayesdeg_camera.tracing.picture import read_picture
 from bayesdeg_camera.tracing.plane import _board, grid_plane, ruler_plane
 from bayesdeg_camera.tracing.record import corrected
-from bayesdeg_camera.tracing.trace import STIFF, PictureScale, _refuse_target, angle_and_length, trace
+from bayesdeg_camera.tracing.trace import (
+    STIFF,
+    PictureScale,
+    _refuse_target,
+    angle_and_length,
+    trace,
+)
 
 
 @pytest.fixture(scope="module")

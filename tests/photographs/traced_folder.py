@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import numpy as np
 from PIL import Image
 
+from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg_camera.folder import read_traces, write_traces
 from bayesdeg_camera.page import Correction, TraceServer
-from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg_camera.tracing.plane import mapped
 from bayesdeg_camera.tracing.record import hash_of
 from bayesdeg_camera.tracing.trace import into_frame
