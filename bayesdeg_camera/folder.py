@@ -73,18 +73,8 @@ def write_overlay(
 ) -> None:
     """Write the picture for checking a line at a glance.
 
-    A PNG shows the line, a ring at the clamped end, the points of the target, and the results.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the trace.
-    photograph : TracedPhotograph
-        Its trace.
-    image : array of uint8
-        The photograph itself.
-    target : array, shape (n, 2), optional
-        Points that the scale is from [px].
+    A PNG shows the line, a ring at the clamped end, the results, and the points of the target from
+    which the scale is, (n, 2) [px].
     """
     factor = min(1.0, WIDTH / image.shape[1])
     drawn = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)

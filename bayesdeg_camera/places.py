@@ -18,14 +18,7 @@ def raise_faults(faults: Iterable[Fault]) -> None:
 def contradictions(study: Study, table: str, kind: str) -> list[Fault]:
     """Return the faults of a study with readings of a second kind, or of a different actuator.
 
-    Parameters
-    ----------
-    study : Study
-        As read from its folder.
-    table : str
-        The file of the study that names photographs or recordings.
-    kind : str
-        What it names, in the plural.
+    ``kind`` is what the table names, in the plural.
     """
     faults = [
         Fault(
@@ -47,18 +40,8 @@ def named_files(
 ) -> tuple[dict[str, Path], list[Fault]]:
     """Return the path of each file, and the faults of the other names.
 
-    Parameters
-    ----------
-    folder : Path
-        The study.
-    table : str
-        The file of the study that names them, in a column ``file``.
-    inner : str
-        The folder of the study in which they are.
-    names : iterable of str
-        As they are named.
-    kind : str
-        What they are, in the plural.
+    The column ``file`` of the table names them; they are in an inner folder of the study. ``kind``
+    is what they are, in the plural.
     """
     root = folder / inner
     if not root.is_dir():

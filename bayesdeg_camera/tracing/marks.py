@@ -76,13 +76,7 @@ class Marks:
     ink: NDArray[np.bool_]
 
     def without(self, small: Colours) -> Colours:
-        """Return a reduced photograph with marks replaced by the nearest colours around them.
-
-        Parameters
-        ----------
-        small : array of uint8, shape (rows, columns, 3)
-            The photograph, of any size.
-        """
+        """Return a photograph of any size with marks replaced by the nearest colours around."""
         share = cv2.resize(
             self.hidden.astype(np.float32), small.shape[1::-1], interpolation=cv2.INTER_AREA
         )
@@ -90,14 +84,9 @@ class Marks:
         return np.asarray(small[nearest[0], nearest[1]])
 
     def within(self, line: Floats) -> "Marks":
-        """Return the marks within known ends of the line: pixels beyond are not ink.
+        """Return the marks within known ends of the line, (n, 2) [px]: pixels beyond are not ink.
 
         This separates a mark from a clamp of the same colour that it touches.
-
-        Parameters
-        ----------
-        line : array, shape (n, 2)
-            The line, from end to end [px].
         """
         rows, columns = np.nonzero(self.ink)
         at, alone = np.column_stack([columns, rows]), np.ones(len(rows), dtype=bool)
@@ -111,13 +100,7 @@ class Marks:
 
 
 def find_marks(image: Colours) -> Marks | None:
-    """Find the marks of a photograph; None if there is no row of them.
-
-    Parameters
-    ----------
-    image : array of uint8
-        Blue, green, red.
-    """
+    """Find the marks of a photograph; None if there is no row of them."""
     factor = WIDTH / image.shape[1]
     small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     colours = _lab(small)

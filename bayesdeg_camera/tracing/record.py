@@ -36,19 +36,7 @@ def hash_of(content: bytes) -> str:
 
 
 def recorded(name: str, content: bytes, image: Colours, found: Trace) -> TracedPhotograph:
-    """Return the record of a trace.
-
-    Parameters
-    ----------
-    name : str
-        Name of the photograph.
-    content : bytes
-        Content of its file.
-    image : array of uint8
-        The photograph, upright.
-    found : Trace
-        The trace.
-    """
+    """Return the record of the trace of a photograph: its file name and content, upright."""
     return TracedPhotograph(
         file=name,
         sha256=hash_of(content),
@@ -145,15 +133,7 @@ def _places(points: Floats, digits: int) -> Places:
 
 
 def marker_rows(photograph: TracedPhotograph, about: Mapping[str, object]) -> pd.DataFrame:
-    """Return the points of a photograph as rows of ``markers.csv``.
-
-    Parameters
-    ----------
-    photograph : TracedPhotograph
-        A traced photograph.
-    about : mapping
-        Other columns, common to all points.
-    """
+    """Return points as rows of ``markers.csv``, with other columns common to all of them."""
     points, errors = np.array(photograph.points), np.array(photograph.errors)
     return pd.DataFrame(
         {
