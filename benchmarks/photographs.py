@@ -22,8 +22,8 @@ import numpy as np
 from photograph_scenes import SQUARE, Scene, scene
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.trace import PictureScale, Trace, angle_and_length, trace
+from bayesdeg_camera.tracing.picture import read_picture
+from bayesdeg_camera.tracing.trace import PictureScale, Trace, angle_and_length, trace
 
 cv2.setNumThreads(1)
 

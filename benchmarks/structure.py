@@ -1,6 +1,7 @@
 """How large is the package, which modules have one importer, how many does a study run?
 
-modules, lines, code_lines   of the package; code: neither blank, comment nor docstring
+modules, lines, code_lines   of both packages, cameras included; code: neither blank, comment nor
+                             docstring
 one_importer                 modules that a single other one imports, by that one; less those which
                              are found without an import: a cause, a kind of data, a figure, a
                              geometry, a command, a program, a home of names of ``bayesdeg`` itself
@@ -28,6 +29,7 @@ import sys
 import tokenize
 from collections import Counter
 from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
 
@@ -52,7 +54,8 @@ NO_CODE = ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")
 
 SOURCES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): path.read_text(encoding="utf-8")
-    for path in sorted((ROOT / "bayesdeg").rglob("*.py"))
+    for package in ("bayesdeg", "bayesdeg_camera")
+    for path in sorted((ROOT / package).rglob("*.py"))
 }
 TREES = {name: ast.parse(source) for name, source in SOURCES.items()}
 
@@ -83,6 +86,7 @@ def imported(tree: ast.Module) -> Iterator[str]:
 def found_without_import() -> set[str]:
     """Return the modules that somebody finds who does not name them."""
     found = {f"bayesdeg.commands.{command.name}" for command in COMMANDS}
+    found |= {entry.module for entry in entry_points(group="bayesdeg.camera")}
     found |= {made.__module__ for made in GEOMETRIES.values()} | set(bayesdeg._HOME.values())
     for name, tree in TREES.items():
         marks = MARKS.get(name.rpartition(".")[0], set())

@@ -6,13 +6,13 @@ from pathlib import Path
 from bayesdeg.commands.answers import Answer
 from bayesdeg.commands.next import Proposals
 from bayesdeg.commands.update import UpdateAnswer
-from bayesdeg.data.photographs import TraceFile
 from bayesdeg.laboratory.hidden import HiddenAnswer, HiddenTruth
 from bayesdeg.laboratory.score import Score
 from bayesdeg.laboratory.writing import TruthRecord
 from bayesdeg.pipeline.output import Owner
 from bayesdeg.records import FileRecord
 from bayesdeg.report.record import RunRecord, VerdictRecord
+from bayesdeg_camera.folder import TraceFile
 
 SCHEMAS: dict[str, type[FileRecord]] = {
     "verdict": VerdictRecord,

@@ -12,8 +12,8 @@ import pytest
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "bayesdeg"
-MODULES = sorted(PACKAGE.rglob("*.py"))
+PACKAGE, CAMERA = ROOT / "bayesdeg", ROOT / "bayesdeg_camera"
+MODULES = sorted([*PACKAGE.rglob("*.py"), *CAMERA.rglob("*.py")])
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 SENTENCE = 4  # words of a literal from which it is one
 MOST_PINNED = 20  # checks in tests that pin sentences; rendered templates are compared with a file
@@ -39,11 +39,11 @@ LAYERS = (
     "emulator",
     "actuator",
     "material",
-    "photographs",
     "data",
     "priors",
     "records",
     "files",
+    "extras",
     "errors",
     "compiled",
     "progress",
@@ -54,7 +54,7 @@ LAYERS = (
 
 
 def place(path):
-    return path.relative_to(PACKAGE).as_posix()
+    return path.relative_to(PACKAGE if path.is_relative_to(PACKAGE) else ROOT).as_posix()
 
 
 @cache
@@ -113,10 +113,12 @@ def test_the_layers_are_kept(monkeypatch, capsys):
 def test_the_contract_names_every_layer_in_order_and_ignores_no_import():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     linter = settings["tool"]["importlinter"]
-    (layers,) = (c for c in linter["contracts"] if c["type"] == "layers")
+    layers, cameras, _ = linter["contracts"]
     assert layers["layers"] == [f"bayesdeg.{name}" for name in LAYERS]
     assert not any(contract.get("ignore_imports") for contract in linter["contracts"])
-    assert linter["root_package"] == "bayesdeg"
+    assert linter["root_packages"] == [PACKAGE.name, CAMERA.name]
+    assert cameras["source_modules"] == [PACKAGE.name]
+    assert set(cameras["forbidden_modules"]) == {CAMERA.name, "cv2", "roifile", "ezc3d"}
 
 
 def test_only_the_door_declares_names_to_type_checkers_alone():
@@ -141,7 +143,7 @@ def test_names_are_imported_from_modules_and_not_from_packages():
             for alias in node.names
             if node.level > 0
             or (
-                (node.module or "").split(".")[0] == "bayesdeg"
+                (node.module or "").split(".")[0] in (PACKAGE.name, CAMERA.name)
                 and (folder := ROOT.joinpath(*(node.module or "").split("."))).is_dir()
                 and not (folder / f"{alias.name}.py").exists()
                 and not (folder / alias.name / "__init__.py").exists()
@@ -206,7 +208,7 @@ def test_files_are_read_and_written_in_few_places():
         "cli.py",
         "__init__.py",  # a setting of the compiler
     }
-    folders = ("report/", "pipeline/", "commands/")
+    folders = ("report/", "pipeline/", "commands/", "bayesdeg_camera/")
     using = {name for name in offences(find) if not name.startswith(folders)}
     assert using <= places
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
+import pandas as pd
 from pydantic import Field
 
 from bayesdeg.records import FileRecord, Names, Text
@@ -59,11 +60,23 @@ class TracedPhotograph(FileRecord):
         }
 
 
-class TraceFile(FileRecord):
-    """All results of `bayesdeg trace`, with what is needed to correct them."""
-
-    photographs: tuple[TracedPhotograph, ...] = Field(
-        default=(), description="traced photographs, in the order of the tables"
+def trace_rows(photographs: Iterable[TracedPhotograph]) -> pd.DataFrame:
+    """Return one row per photograph: its readings, or why there are none."""
+    read = (
+        *("bend_angle_deg", "bend_angle_error_deg", "bent_ends"),
+        *("curvature_per_m", "curvature_error_per_m", "length_mm"),
+    )
+    return pd.DataFrame(
+        {
+            "file": one.file,
+            **one.about,
+            **{name: None if one.refused else getattr(one, name) for name in read},
+            "scale_from": one.scale_from,
+            "not_sure": "; ".join(one.not_sure),
+            "refused": one.refused,
+            "corrected": int(one.corrected),
+        }
+        for one in photographs
     )
 
 

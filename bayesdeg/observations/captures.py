@@ -1,7 +1,7 @@
 """Motion capture recordings instead of readings: the columns of ``captures.csv``.
 
 A row is a hold: a recording's markers are averaged over its frames, and their line is read like one
-of ``markers.csv``; see `bayesdeg.pipeline.captured`.
+of ``markers.csv``; see `bayesdeg_camera.captures`.
 """
 
 import pandera.pandas as pa

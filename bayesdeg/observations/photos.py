@@ -1,7 +1,7 @@
 """Photographs instead of readings: the columns of ``photos.csv``.
 
 Each is traced, and its line of points is read like one of ``markers.csv``; see
-`bayesdeg.pipeline.traced`.
+`bayesdeg_camera.photographs`.
 """
 
 import pandera.pandas as pa

@@ -1,13 +1,13 @@
 """Reading a study folder with every kind of data."""
 
-import importlib
 from pathlib import Path
 
 from bayesdeg.data import study as folders
 from bayesdeg.data.foreign import ForeignTable
 from bayesdeg.data.settings import FILE, CaptureOptions, PhotographOptions
-from bayesdeg.data.study import Study
+from bayesdeg.data.study import OF_LINES, Study
 from bayesdeg.errors import Fault, StudyError
+from bayesdeg.extras import camera
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.markers import with_lines
 from bayesdeg.pipeline.progress import Progress, Silent
@@ -34,7 +34,7 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     Raises
     ------
     StudyError
-        With every fault of every file.
+        With every fault of every file; or if photographs or recordings need the camera extra.
 
     Examples
     --------
@@ -43,15 +43,11 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     """
     study = folders.read_study(folder, TABLES)
     _refuse_options_of_nothing(study)
-    if study.table("captures") is None and study.table("photos") is None:
-        return with_lines(study)
-    # these import scipy's splines and OpenCV, which no other study needs
-    if study.table("captures") is not None:
-        reader = importlib.import_module("bayesdeg.pipeline.captured").with_captures
-    else:
-        reader = importlib.import_module("bayesdeg.pipeline.traced").with_photographs
-    found: Study = reader(study, progress or Silent())
-    return found
+    for name in ("captures", "photos"):
+        if study.table(name) is not None:
+            found: Study = camera(name, OF_LINES[name])(study, progress or Silent())
+            return found
+    return with_lines(study)
 
 
 def _refuse_options_of_nothing(study: Study) -> None:

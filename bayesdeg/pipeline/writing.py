@@ -29,9 +29,12 @@ from bayesdeg.data.moisture import (
     mass_loss_slope,
     moisture_content,
 )
+from bayesdeg.data.photographs import FILE as PHOTOS_FILE
+from bayesdeg.data.photographs import trace_rows
 from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.data.shrinkage import film_masses, mean_as_printed
 from bayesdeg.data.study import Study
+from bayesdeg.extras import camera
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.inference.tree import to_datatree
@@ -44,7 +47,6 @@ from bayesdeg.observations.tensile import (
     stress_variance,
     tensile_curves,
 )
-from bayesdeg.photographs.record import trace_rows
 from bayesdeg.pipeline.aside import is_set_aside
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.averaged import stored_form
@@ -54,7 +56,6 @@ from bayesdeg.pipeline.experience import experience_of
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
-from bayesdeg.pipeline.pictures import Picture, lines_on, paper_groups, pictures_of, write_pictures
 from bayesdeg.pipeline.posterior import Posterior
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
@@ -77,6 +78,7 @@ from bayesdeg.prediction.soil import Soil
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     ADDED,
+    PICTURES,
     POSTERIOR,
     POSTERIOR_AVERAGED,
     POSTERIOR_BASE,
@@ -574,11 +576,6 @@ class TableSources:
         """The judgement; None if nothing was judged."""
         return self.results.judgement
 
-    @cached_property
-    def pictures(self) -> tuple[Picture, ...]:
-        """Crops of photographs for the report."""
-        return pictures_of(self.study)
-
     @property
     def has_actuators(self) -> bool:
         """Whether there are curvature readings."""
@@ -644,8 +641,7 @@ def write_results(
         geometry = geometry_of_study(study.settings)
         draw = partial(write_deformed, begun=pictures)
         guard.attempt(OptionalStage.DEFORMED, draw, files.folder, results.final, geometry)
-    draw_photographs = partial(write_pictures, files.folder, study)
-    guard.attempt(OptionalStage.PHOTOGRAPHS, draw_photographs, found.pictures)
+    guard.attempt(OptionalStage.PHOTOGRAPHS, write_pictures, files.folder, study)
     files.remove_others()
     films = frames[columns.TENSILE]
     note = (
@@ -1029,9 +1025,17 @@ def _photo_lines_table(found: TableSources) -> pd.DataFrame | None:
     """Return measured and predicted lines on the photographs that the report shows."""
     if not found.study.photographs:
         return None
-    readings, pictures = _observations_table(found), found.pictures
-    groups = {name: paper_groups(fit, pictures) for name, fit in found.results.fits.items()}
-    return lines_on(pictures, found.study, readings, groups)
+    fits, readings = found.results.fits, _observations_table(found)
+    lines: pd.DataFrame = camera("pictures", PHOTOS_FILE).lines_of(found.study, readings, fits)
+    return lines
+
+
+def write_pictures(folder: RunFolder, study: Study) -> None:
+    """Write the crops of photographs that the report shows; remove those of an earlier run."""
+    for name in PICTURES:
+        folder.remove(name)
+    if study.photographs:
+        camera("pictures", PHOTOS_FILE).write_pictures(folder, study)
 
 
 #: Functions that build each table, in the order in which they draw random numbers; None if there is

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.commands.trace_folder import read_traces
+from bayesdeg_camera.folder import read_traces
 from tests.browser.chromium import NEEDED
 from tests.photographs.traced_folder import HEIGHT, WIDTH, served, traced_folder
 

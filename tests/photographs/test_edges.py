@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs import edges
-from bayesdeg.photographs.edges import find_edge
-from bayesdeg.photographs.outline import Silhouette
+from bayesdeg_camera.tracing import edges
+from bayesdeg_camera.tracing.edges import find_edge
+from bayesdeg_camera.tracing.outline import Silhouette
 
 FINE = 4  # drawn so many times as large
 START, LENGTH, THICK, PAPER = np.array([150.0, 240.0]), 500.0, 110.0, 3.0  # px

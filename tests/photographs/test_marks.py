@@ -8,16 +8,16 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import (
+from bayesdeg_camera.tracing.edges import (
     FEWEST_KNOWN,
     SHARED,
     _refuse_small,
     _through_marks,
     find_edge,
 )
-from bayesdeg.photographs.marks import FEWEST, Marks, find_marks
-from bayesdeg.photographs.outline import Silhouette
-from bayesdeg.photographs.trace import PictureScale, angle_and_length, trace
+from bayesdeg_camera.tracing.marks import FEWEST, Marks, find_marks
+from bayesdeg_camera.tracing.outline import Silhouette
+from bayesdeg_camera.tracing.trace import PictureScale, angle_and_length, trace
 
 
 def centres_in(scenes, one):

@@ -1,7 +1,7 @@
 """Recordings of motion capture: markers, frames and pressures of a C3D file become lines."""
 
-import importlib.util
 import struct
+import sys
 
 import numpy as np
 import pandas as pd
@@ -12,10 +12,10 @@ from bayesdeg.actuator.line import read_line
 from bayesdeg.commands.check import check
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.errors import StudyError
-from bayesdeg.pipeline import c3d, captured
-from bayesdeg.pipeline.c3d import read_c3d
-from bayesdeg.pipeline.captured import error_of_mean, fitted_plane, shifted, stated_plane
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg_camera import c3d
+from bayesdeg_camera.c3d import read_c3d
+from bayesdeg_camera.captures import error_of_mean, fitted_plane, shifted, stated_plane
 from tests.photographs.recordings import LENGTH, TURNED, WHERE, arc, names, write_c3d
 
 ANGLES = {40.0: 0.2, 80.0: 0.45, 120.0: 0.8}
@@ -303,9 +303,8 @@ def test_a_recording_outside_the_study_or_not_there_is_refused(tmp_path, name):
 
 def test_without_the_library_it_is_said_how_to_get_it(tmp_path, monkeypatch):
     folder = write_study(tmp_path / "study")
-    monkeypatch.setattr(captured, "is_readable", lambda: False)
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
     assert "ezc3d" in fault(folder).problem
-    assert c3d.is_readable() == (importlib.util.find_spec("ezc3d") is not None)
 
 
 # ---- damaged files

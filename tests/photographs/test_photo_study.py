@@ -11,19 +11,19 @@ from PIL import Image
 from bayesdeg.actuator.line import read_line
 from bayesdeg.actuator.reading import bottom_lines, evenly, line_of_reading
 from bayesdeg.commands.check import check
-from bayesdeg.data.photographs import TracedPhotograph, messages
+from bayesdeg.data.photographs import TracedPhotograph, messages, trace_rows
 from bayesdeg.errors import StudyError
-from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.record import trace_rows
-from bayesdeg.pipeline import traced
-from bayesdeg.pipeline.pictures import SIDE, lines_on, pictures_of, write_pictures
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.pipeline.writing import write_pictures
 from bayesdeg.report.drawing import Shown
 from bayesdeg.report.folder import PICTURES, RunFolder
 from bayesdeg.report.page import FIGURES
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.tables import Tables
+from bayesdeg_camera import photographs as traced
+from bayesdeg_camera import pictures
+from bayesdeg_camera.tracing.plane import mapped
 
 PRESSURES = (80.0, 160.0, 240.0)
 GROUP = 100.0  # mm; the paper of the photographed shapes is softer than any of the lines
@@ -273,9 +273,10 @@ def lines(study):
             ("final", read["curvature_per_m"]),
         )
     ]
-    pictures = pictures_of(study)
-    groups = dict.fromkeys(("base", "final"), np.full(len(pictures), GROUP))
-    return lines_on(pictures, study, pd.concat(readings), groups)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "paper_groups", lambda _, shown: np.full(len(shown), GROUP))
+        fits = dict.fromkeys(("base", "final"))
+        return pictures.lines_of(study, pd.concat(readings), fits)
 
 
 def test_the_line_of_a_right_prediction_is_that_which_was_traced(study, lines):
@@ -293,16 +294,16 @@ def test_pictures_and_their_figure_are_small_and_say_what_they_show(study, lines
     folder = RunFolder(tmp_path / "run")
     folder.path.mkdir()
     folder.write_picture(PICTURES[5], b"of an earlier run")
-    write_pictures(folder, study, pictures_of(study))
-    pictures = folder.read_pictures()
-    assert list(pictures) == list(PICTURES[:3])
-    for content in pictures.values():
-        assert max(Image.open(io.BytesIO(content)).size) <= SIDE
+    write_pictures(folder, study)
+    shown = folder.read_pictures()
+    assert list(shown) == list(PICTURES[:3])
+    for content in shown.values():
+        assert max(Image.open(io.BytesIO(content)).size) <= pictures.SIDE
         assert len(content) < 80_000
     kept = {"photo_lines": lines, "traces": trace_rows(study.photographs)}
     verdict, run = VerdictRecord(outcome="named"), RunRecord(title="a", virtual=True)
-    shown = Shown(verdict, run, Tables(kept), pictures=pictures)
-    drawing = FIGURES["photographs"].drawing(shown)
+    page = Shown(verdict, run, Tables(kept), pictures=shown)
+    drawing = FIGURES["photographs"].drawing(page)
     assert drawing.svg.count("data:image/jpeg;base64,") == 3
     assert drawing.svg.count("<polyline") == 2 * (3 * 3 + 3)
     assert "nothing.jpg" in drawing.caption
@@ -317,7 +318,7 @@ def test_a_photograph_that_changed_since_is_not_shown(folder, tmp_path):
     found = read_study(folder)
     shutil.copy(folder / "photos" / "a_80.jpg", folder / "photos" / "a_240.jpg")
     with pytest.raises(Exception, match="changed"):
-        write_pictures(RunFolder(tmp_path), found, pictures_of(found))
+        write_pictures(RunFolder(tmp_path), found)
 
 
 def test_progress_counts_photographs(folder):

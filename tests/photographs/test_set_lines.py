@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 from bayesdeg.cli import app
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs import lines
-from bayesdeg.photographs.lines import ANY, line_of, parse_lines
-from bayesdeg.photographs.trace import PictureScale, angle_and_length, trace_line
+from bayesdeg_camera.tracing import lines
+from bayesdeg_camera.tracing.lines import ANY, line_of, parse_lines
+from bayesdeg_camera.tracing.trace import PictureScale, angle_and_length, trace_line
 
 LINE = np.array([[10.5, 20.25], [30.0, 22.0], [50.0, 30.0], [70.0, 45.5]])
 

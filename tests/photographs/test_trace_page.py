@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.commands import trace_page
-from bayesdeg.commands.trace_folder import read_traces, refuse_lost_corrections, write_traces
-from bayesdeg.data.photographs import TraceFile
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.trace import BY_HAND
+from bayesdeg_camera import page as trace_page
+from bayesdeg_camera.folder import TraceFile, read_traces, refuse_lost_corrections, write_traces
+from bayesdeg_camera.tracing.trace import BY_HAND
 from tests.photographs.traced_folder import SCALE, served, traced_folder
 
 

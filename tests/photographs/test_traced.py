@@ -13,11 +13,17 @@ from typer.testing import CliRunner
 from bayesdeg.cli import app
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.outline import Silhouette, _with_slots
-from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.plane import _board, grid_plane, ruler_plane
-from bayesdeg.photographs.record import corrected
-from bayesdeg.photographs.trace import STIFF, PictureScale, _refuse_target, angle_and_length, trace
+from bayesdeg_camera.tracing.outline import Silhouette, _with_slots
+from bayesdeg_camera.tracing.picture import read_picture
+from bayesdeg_camera.tracing.plane import _board, grid_plane, ruler_plane
+from bayesdeg_camera.tracing.record import corrected
+from bayesdeg_camera.tracing.trace import (
+    STIFF,
+    PictureScale,
+    _refuse_target,
+    angle_and_length,
+    trace,
+)
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 import numpy as np
 from PIL import Image
 
-from bayesdeg.commands.trace_folder import read_traces, write_traces
-from bayesdeg.commands.trace_page import Correction, TraceServer
 from bayesdeg.data.photographs import TracedPhotograph
-from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.record import hash_of
-from bayesdeg.photographs.trace import into_frame
+from bayesdeg_camera.folder import read_traces, write_traces
+from bayesdeg_camera.page import Correction, TraceServer
+from bayesdeg_camera.tracing.plane import mapped
+from bayesdeg_camera.tracing.record import hash_of
+from bayesdeg_camera.tracing.trace import into_frame
 
 WIDTH, HEIGHT, COUNT = 640, 480, 30
 SCALE = 0.1  # mm/px

@@ -23,14 +23,14 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import read_bytes
 from bayesdeg.material.degradation import levels
-from bayesdeg.photographs.picture import read_picture
-from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.record import hash_of
-from bayesdeg.photographs.trace import PHOTO_MB, into_frame
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import fitted_inputs
 from bayesdeg.report.folder import PICTURES, RunFolder
 from bayesdeg.report.tables import PHOTO_LINES, TABLES
+from bayesdeg_camera.tracing.picture import read_picture
+from bayesdeg_camera.tracing.plane import mapped
+from bayesdeg_camera.tracing.record import hash_of
+from bayesdeg_camera.tracing.trace import PHOTO_MB, into_frame
 
 Floats = NDArray[np.float64]
 
@@ -56,14 +56,25 @@ class Picture:
         Of the photograph among those of the study.
     photograph : TracedPhotograph
         With its line.
-    box : tuple of int
-        Left, top, right and bottom of the cut in the photograph [px].
     """
 
     name: str
     number: int
     photograph: TracedPhotograph
-    box: tuple[int, int, int, int]
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom of the cut around the line, wider than high [px]."""
+        pixels = np.array(self.photograph.pixels)
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        half = np.full(2, (0.5 + ROOM) * float(np.max(high - low)))
+        half[1] *= 0.8
+        half = np.maximum(half, (0.5 + 0.5 * ROOM) * (high - low))
+        size = np.array([self.photograph.width, self.photograph.height])
+        middle = 0.5 * (low + high)
+        left, top = np.clip(middle - half, 0.0, size).astype(int).tolist()
+        right, bottom = np.clip(middle + half, 0.0, size).astype(int).tolist()
+        return left, top, right, bottom
 
     @property
     def scale(self) -> float:
@@ -94,54 +105,36 @@ def pictures_of(study: Study) -> tuple[Picture, ...]:
         own = own[np.argsort(-pressures[own], kind="stable")]
         at = np.arange(each) * len(own) // each
         chosen += own[np.unique(at)].tolist()
-    return tuple(
-        Picture(name, known[i][0], known[i][1], _box(known[i][1]))
-        for name, i in zip(PICTURES, chosen, strict=False)
-    )
+    return tuple(Picture(name, *known[i]) for name, i in zip(PICTURES, chosen, strict=False))
 
 
-def _box(photograph: TracedPhotograph) -> tuple[int, int, int, int]:
-    """Return a crop around a line, wider than high, within the photograph."""
-    pixels = np.array(photograph.pixels)
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    half = np.full(2, (0.5 + ROOM) * float(np.max(high - low)))
-    half[1] *= 0.8
-    half = np.maximum(half, (0.5 + 0.5 * ROOM) * (high - low))
-    size = np.array([photograph.width, photograph.height])
-    middle = 0.5 * (low + high)
-    left, top = np.clip(middle - half, 0.0, size).astype(int).tolist()
-    right, bottom = np.clip(middle + half, 0.0, size).astype(int).tolist()
-    return left, top, right, bottom
-
-
-def lines_on(
-    pictures: tuple[Picture, ...],
-    study: Study,
-    readings: pd.DataFrame | None,
-    groups: Mapping[str, Floats],
-) -> pd.DataFrame:
-    """Return the lines on pictures, one row per point: the table ``photo_lines``.
+def lines_of(study: Study, readings: pd.DataFrame | None, fits: Mapping[str, Fit]) -> pd.DataFrame:
+    """Return the lines on the pictures of a study, one row per point: the table ``photo_lines``.
 
     Parameters
     ----------
-    pictures : tuple of Picture
-        Those that are shown.
     study : Study
-        Says how curvature is read.
+        With photographs.
     readings : DataFrame, optional
         Table ``observations``, with what the models predict of the readings.
-    groups : mapping of str to array, shape (n_pictures,)
-        The paper's group E t/(C1 s) by each model [mm].
+    fits : mapping of str to Fit
+        The fit of each model.
     """
     operator: Operator = study.settings.operator or "angle_over_arc"
-    photos = study.table("photos")
+    photos, pictures = study.table("photos"), pictures_of(study)
     assert photos is not None
+    groups = {model: paper_groups(fit, pictures) for model, fit in fits.items()}
     frames = []
     for number, picture in enumerate(pictures):
-        one = picture.photograph
-        row = photos.iloc[picture.number]
+        one, row = picture.photograph, photos.iloc[picture.number]
         pixels = np.array(one.pixels)
-        measured, predicted = _curvatures(readings, row)
+        measured, predicted = np.nan, dict[str, float]()
+        if readings is not None:
+            keys = ("specimen_id", "pressure_kPa", "branch", "cycle")
+            own = readings[np.logical_and.reduce([readings[key] == row[key] for key in keys])]
+            first = own.drop_duplicates("model").set_index("model")
+            predicted = {str(model): float(mean) for model, mean in first["mean_per_m"].items()}
+            measured = np.nan if first.empty else float(first["curvature_per_m"].iloc[0])
         if not np.isfinite(measured):
             measured = one.curvature_per_m
         frames.append(_rows(picture, "measured", measured, pixels[::EVERY]))
@@ -171,36 +164,21 @@ def paper_groups(fit: Fit, pictures: tuple[Picture, ...]) -> Floats:
     return found
 
 
-def _curvatures(readings: pd.DataFrame | None, row: pd.Series) -> tuple[float, dict[str, float]]:
-    """Return the curvature from a photograph, and the prediction of each model."""
-    if readings is None:
-        return np.nan, {}
-    keys = ("specimen_id", "pressure_kPa", "branch", "cycle")
-    own = readings[np.logical_and.reduce([readings[key] == row[key] for key in keys])]
-    first = own.drop_duplicates("model").set_index("model")
-    if first.empty:
-        return np.nan, {}
-    means = {str(name): float(value) for name, value in first["mean_per_m"].items()}
-    return float(first["curvature_per_m"].iloc[0]), means
-
-
 def _rows(picture: Picture, line: str, curvature: float, pixels: Floats) -> pd.DataFrame:
     x, y = picture.placed(pixels).round(1).T
     about = {"picture": picture.name, "file": picture.photograph.file, **picture.photograph.about}
     return pd.DataFrame({**about, "line": line, "curvature_per_m": curvature, "x_px": x, "y_px": y})
 
 
-def write_pictures(folder: RunFolder, study: Study, pictures: tuple[Picture, ...]) -> None:
-    """Write crops of photographs into a run folder, and remove those of an earlier run.
+def write_pictures(folder: RunFolder, study: Study) -> None:
+    """Write the pictures of a study into a run folder.
 
     Raises
     ------
     BayesdegError
         If a photograph has changed since it was traced.
     """
-    for name in PICTURES:
-        folder.remove(name)
-    for picture in pictures:
+    for picture in pictures_of(study):
         one = picture.photograph
         content = read_bytes(study.folder / FOLDER / one.file, most_mb=PHOTO_MB)
         if hash_of(content) != one.sha256:

@@ -56,7 +56,12 @@ def parse_lines(name: str, content: bytes) -> dict[str, Floats]:
     if content.startswith(_ZIP):
         found = _regions(name, content)
         return {ANY: next(iter(found.values()))} if len(found) == 1 else found
-    frame = _table(name, content)
+    try:
+        frame = pd.read_csv(io.BytesIO(content), comment="#", encoding="utf-8-sig")
+    except ValueError as fault:
+        raise BayesdegError(
+            f"{name}: it is not a readable table; give a CSV file, or an ImageJ ROI"
+        ) from fault
     missing = [column for column in _COLUMNS if column not in frame]
     if missing:
         raise BayesdegError(f"{name}: column {missing[0]} is missing; add it")
@@ -65,15 +70,6 @@ def parse_lines(name: str, content: bytes) -> dict[str, Floats]:
     return {
         str(file): _line(f"{name}: {file}", own) for file, own in frame.groupby("file", sort=False)
     }
-
-
-def _table(name: str, content: bytes) -> pd.DataFrame:
-    try:
-        return pd.read_csv(io.BytesIO(content), comment="#", encoding="utf-8-sig")
-    except ValueError as fault:
-        raise BayesdegError(
-            f"{name}: it is not a readable table; give a CSV file, or an ImageJ ROI"
-        ) from fault
 
 
 def _regions(name: str, content: bytes) -> dict[str, Floats]:

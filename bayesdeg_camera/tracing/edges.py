@@ -13,9 +13,9 @@ from scipy.signal import savgol_filter
 from scipy.spatial.distance import cdist
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.marks import Marks
-from bayesdeg.photographs.outline import Silhouette, arc_of, len_of
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.marks import Marks
+from bayesdeg_camera.tracing.outline import Silhouette, arc_of, len_of
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 Values = NDArray[np.float32]
@@ -248,7 +248,10 @@ def _read(image: Colours, line: Floats, reach: float, marks: Marks | None) -> Ed
     place, contrast = _crossings(profiles, off, reach)
     if marks is None:
         return _averaged(line, arc, place, contrast, np.zeros(len(arc)))
-    hidden = _sampled_mask(marks.hidden, points, normals, off[off > -reach]).any(axis=1)
+    across = off[off > -reach]
+    at = np.round(points[:, None] + across[None, :, None] * normals[:, None]).astype(int)
+    columns, rows = (np.clip(at[..., k], 0, marks.hidden.shape[1 - k] - 1) for k in (0, 1))
+    hidden = marks.hidden[rows, columns].any(axis=1)
     place = np.where(hidden, np.nan, place)
     through, error = _through_marks(points, normals, place, marks)
     marked = hidden & np.isfinite(through)
@@ -293,15 +296,6 @@ def _middle(place: Floats) -> float:
     """Return the median of visible edges; NaN if there are few."""
     there = place[np.isfinite(place)]
     return float(np.median(there)) if len(there) > FEW * len(place) else np.nan
-
-
-def _sampled_mask(
-    mask: NDArray[np.bool_], points: Floats, normals: Floats, off: Floats
-) -> NDArray[np.bool_]:
-    """Return a mask at distances from points along normals, (n_points, n_off)."""
-    at = np.round(points[:, None] + off[None, :, None] * normals[:, None]).astype(int)
-    columns, rows = (np.clip(at[..., k], 0, mask.shape[1 - k] - 1) for k in (0, 1))
-    return np.asarray(mask[rows, columns])
 
 
 def _crossings(profiles: Values, off: Floats, reach: float) -> tuple[Floats, Floats]:

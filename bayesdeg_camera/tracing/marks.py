@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse.csgraph import minimum_spanning_tree, shortest_path
 from scipy.spatial.distance import cdist
 
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 Values = NDArray[np.float32]
@@ -76,13 +76,7 @@ class Marks:
     ink: NDArray[np.bool_]
 
     def without(self, small: Colours) -> Colours:
-        """Return a reduced photograph with marks replaced by the nearest colours around them.
-
-        Parameters
-        ----------
-        small : array of uint8, shape (rows, columns, 3)
-            The photograph, of any size.
-        """
+        """Return a photograph of any size with marks replaced by the nearest colours around."""
         share = cv2.resize(
             self.hidden.astype(np.float32), small.shape[1::-1], interpolation=cv2.INTER_AREA
         )
@@ -90,14 +84,9 @@ class Marks:
         return np.asarray(small[nearest[0], nearest[1]])
 
     def within(self, line: Floats) -> "Marks":
-        """Return the marks within known ends of the line: pixels beyond are not ink.
+        """Return the marks within known ends of the line, (n, 2) [px]: pixels beyond are not ink.
 
         This separates a mark from a clamp of the same colour that it touches.
-
-        Parameters
-        ----------
-        line : array, shape (n, 2)
-            The line, from end to end [px].
         """
         rows, columns = np.nonzero(self.ink)
         at, alone = np.column_stack([columns, rows]), np.ones(len(rows), dtype=bool)
@@ -111,38 +100,29 @@ class Marks:
 
 
 def find_marks(image: Colours) -> Marks | None:
-    """Find the marks of a photograph; None if there is no row of them.
-
-    Parameters
-    ----------
-    image : array of uint8
-        Blue, green, red.
-    """
+    """Find the marks of a photograph; None if there is no row of them."""
     factor = WIDTH / image.shape[1]
     small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     colours = _lab(small)
-    rows = [
-        _longest_path(_of_ink(colours, *ink, diameter))
-        for diameter in DIAMETERS
-        for ink in _inks(_spots(small, colours, diameter))
-    ]
+    rows = []
+    for diameter in DIAMETERS:
+        for ink, stands_out in _inks(_spots(small, colours, diameter)):
+            # marks on an edge may touch other small features, such as paper, and only appear round
+            # by ink
+            mask = np.linalg.norm(colours - ink, axis=2) < IS_INK * stands_out
+            rows.append(_longest_path(_round_ones(mask.astype(np.uint8), colours, diameter)))
     for row in sorted(rows, key=len, reverse=True):
         if len(row) < FEWEST:
             return None
         centres = (row[:, :2] + 0.5) / factor - 0.5
         marks = _refined(image, centres, float(np.median(row[:, 2])) / factor)
-        if marks is not None:
-            return _continued(image, marks)
+        while marks is not None:
+            # beyond the ends there may be marks that the reduced photograph does not show
+            longer = _refined(image, marks.centres, marks.diameter)
+            if longer is None or len(longer.centres) <= len(marks.centres):
+                return marks
+            marks = longer
     return None
-
-
-def _continued(image: Colours, marks: Marks) -> Marks:
-    """Extend a row by marks beyond its ends that the reduced photograph does not show."""
-    while True:
-        longer = _refined(image, marks.centres, marks.diameter)
-        if longer is None or len(longer.centres) <= len(marks.centres):
-            return marks
-        marks = longer
 
 
 def _lab(image: Colours) -> Values:
@@ -159,18 +139,17 @@ def _spots(small: Colours, colours: Values, diameter: float) -> Floats:
     thick = max(3, int(THIN * diameter) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (thick, thick))
     mask = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-    spots = _round_ones(mask, colours, SIZES[0] * diameter, SIZES[1] * diameter)
+    spots = _round_ones(mask, colours, diameter)
     at = np.round(spots[:, :2]).astype(int)
     return np.column_stack([spots, around[at[:, 1], at[:, 0]]])
 
 
-def _round_ones(
-    mask: NDArray[np.uint8], colours: Values | None, least: float, most: float
-) -> Floats:
-    """Return centre, diameter and colour of the round parts of a mask between two diameters.
+def _round_ones(mask: NDArray[np.uint8], colours: Values | None, about: float) -> Floats:
+    """Return centre, diameter and colour of the round parts of a mask of about a diameter, (k, 6).
 
     Colours are 0 if none are given.
     """
+    least, most = SIZES[0] * about, SIZES[1] * about
     count, labels, parts, centres = cv2.connectedComponentsWithStats(mask)
     found = []
     for i in range(1, count):
@@ -202,17 +181,11 @@ def _inks(spots: Floats) -> list[tuple[Values, float]]:
     return [one[1:] for one in often[:INKS]]
 
 
-def _of_ink(colours: Values, ink: Values, stands_out: float, diameter: float) -> Floats:
-    """Return the round spots of about a diameter in an ink's colour, (k, 6).
-
-    Marks on an edge may touch other small features, such as paper, and only appear round by ink.
-    """
-    mask = np.linalg.norm(colours - ink, axis=2) < IS_INK * stands_out
-    return _round_ones(mask.astype(np.uint8), colours, SIZES[0] * diameter, SIZES[1] * diameter)
-
-
 def _longest_path(spots: Floats) -> Floats:
-    """Return the spots on the longest path of their minimum spanning tree."""
+    """Return the spots on the longest path of their minimum spanning tree.
+
+    It ends at sharp turns and wide gaps.
+    """
     if not FEWEST <= len(spots) <= MOST:
         return spots[:0]
     apart = cdist(spots[:, :2], spots[:, :2])
@@ -224,11 +197,7 @@ def _longest_path(spots: Floats) -> Floats:
     path = [int(end)]
     while path[-1] != start:
         path.append(int(before[start, path[-1]]))
-    return _unbroken(spots[path])
-
-
-def _unbroken(row: Floats) -> Floats:
-    """Return the longest part of a row without a sharp turn or a wide gap."""
+    row = spots[path]
     steps = np.diff(row[:, :2], axis=0)
     size = np.hypot(*steps.T)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -240,16 +209,25 @@ def _unbroken(row: Floats) -> Floats:
 
 
 def _refined(image: Colours, centres: Floats, diameter: float) -> Marks | None:
-    """Return marks from their ink pixels along a roughly located row."""
-    low, corridor = _corridor(image, centres, BESIDE * diameter)
-    part = image[low[1] : low[1] + len(corridor), low[0] : low[0] + corridor.shape[1]]
+    """Return marks from their ink pixels along a roughly located row, also beyond its ends."""
+    reach = BESIDE * diameter
+    ahead = np.array([centres[0] - centres[1], centres[-1] - centres[-2]])
+    steps = np.hypot(*np.diff(centres, axis=0).T)
+    ahead *= max(2.0 * reach, NEXT * float(np.median(steps))) / np.hypot(*ahead.T)[:, None]
+    path = np.vstack([centres[0] + ahead[0], centres, centres[-1] + ahead[1]])
+    low = np.maximum(np.floor(path.min(axis=0) - 4.0 * reach), 0).astype(int)
+    high = np.minimum(np.ceil(path.max(axis=0) + 4.0 * reach), image.shape[1::-1]).astype(int)
+    within = (slice(low[1], high[1]), slice(low[0], high[0]))
+    drawn = np.zeros((high - low)[::-1], dtype=np.uint8)
+    line = np.round(path - low).astype(np.int32)
+    cv2.polylines(drawn, [line], isClosed=False, color=1, thickness=round(2.0 * reach))
+    corridor, part = drawn == 1, image[within]
     colours = _lab(cv2.GaussianBlur(part, (0, 0), BLUR))
     at = np.round(centres - low).astype(int)
     off = np.linalg.norm(colours - np.median(colours[at[:, 1], at[:, 0]], axis=0), axis=2)
     stands_out = float(np.median(off[corridor]))
-    mask = (off < IS_INK * stands_out) & corridor
     ink = np.zeros(image.shape[:2], dtype=bool)
-    ink[low[1] : low[1] + len(corridor), low[0] : low[0] + corridor.shape[1]] = mask
+    ink[within] = (off < IS_INK * stands_out) & corridor
     return _marked(ink, diameter)
 
 
@@ -261,26 +239,10 @@ def _marked(ink: NDArray[np.bool_], diameter: float) -> Marks | None:
     rim = int(RIM * diameter + RIM_PX)
     low = np.maximum([columns[0] - rim, rows[0] - rim], 0)
     part = ink[low[1] : rows[-1] + rim + 1, low[0] : columns[-1] + rim + 1].astype(np.uint8)
-    row = _longest_path(_round_ones(part, None, SIZES[0] * diameter, SIZES[1] * diameter))
+    row = _longest_path(_round_ones(part, None, diameter))
     if len(row) < FEWEST:
         return None
     hidden = np.zeros_like(ink)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1))
     hidden[low[1] : low[1] + len(part), low[0] : low[0] + part.shape[1]] = cv2.dilate(part, kernel)
     return Marks(row[:, :2] + low, float(np.median(row[:, 2])), hidden, ink)
-
-
-def _corridor(
-    image: Colours, centres: Floats, reach: float
-) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return a mask within a distance of a row, extended at its ends, and its corner [px]."""
-    ahead = np.array([centres[0] - centres[1], centres[-1] - centres[-2]])
-    steps = np.hypot(*np.diff(centres, axis=0).T)
-    ahead *= max(2.0 * reach, NEXT * float(np.median(steps))) / np.hypot(*ahead.T)[:, None]
-    path = np.vstack([centres[0] + ahead[0], centres, centres[-1] + ahead[1]])
-    low = np.maximum(np.floor(path.min(axis=0) - 4.0 * reach), 0).astype(int)
-    high = np.minimum(np.ceil(path.max(axis=0) + 4.0 * reach), image.shape[1::-1]).astype(int)
-    corridor = np.zeros((high - low)[::-1], dtype=np.uint8)
-    line = np.round(path - low).astype(np.int32)
-    cv2.polylines(corridor, [line], isClosed=False, color=1, thickness=round(2.0 * reach))
-    return low, corridor == 1

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from pydantic import Field
 
-from bayesdeg.data.photographs import TracedPhotograph, TraceFile
+from bayesdeg.data.photographs import TracedPhotograph, trace_rows
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import (
     RUN_MB,
@@ -20,9 +22,10 @@ from bayesdeg.files import (
     write_text,
     written,
 )
-from bayesdeg.photographs.picture import Colours, read_picture
-from bayesdeg.photographs.record import hash_of, tables_of
-from bayesdeg.photographs.trace import PHOTO_MB
+from bayesdeg.records import FileRecord
+from bayesdeg_camera.tracing.picture import Colours, read_picture
+from bayesdeg_camera.tracing.record import hash_of, marker_rows, pixel_rows
+from bayesdeg_camera.tracing.trace import PHOTO_MB
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +34,14 @@ FILE = "trace.json"
 WIDTH = 1600
 #: Blue, green, red: the line where the edge was found and where not, and the target.
 READ, BETWEEN, TARGET = (255, 0, 255), (0, 0, 255), (255, 160, 0)
+
+
+class TraceFile(FileRecord):
+    """All results of `bayesdeg trace`, with what is needed to correct them."""
+
+    photographs: tuple[TracedPhotograph, ...] = Field(
+        default=(), description="traced photographs, in the order of the tables"
+    )
 
 
 def way_to(folder: Path, photograph: Path) -> str:
@@ -47,7 +58,12 @@ def write_traces(folder: Path, photographs: Sequence[TracedPhotograph]) -> None:
     if not traced:
         return
     write_text(folder / FILE, TraceFile(photographs=traced).text())
-    for file, table in tables_of(traced).items():
+    tables = {
+        "markers.csv": pd.concat([marker_rows(one, one.about) for one in traced]),
+        "traces.csv": trace_rows(traced),
+        "points.csv": pd.concat([pixel_rows(one) for one in traced]),
+    }
+    for file, table in tables.items():
         with written(folder / file) as part:
             table.map(spreadsheet_safe).to_csv(part, index=False, encoding="utf-8")
 
@@ -57,49 +73,37 @@ def write_overlay(
 ) -> None:
     """Write the picture for checking a line at a glance.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the trace.
-    photograph : TracedPhotograph
-        Its trace.
-    image : array of uint8
-        The photograph itself.
-    target : array, shape (n, 2), optional
-        Points that the scale is from [px].
+    A PNG shows the line, a ring at the clamped end, the results, and the points of the target from
+    which the scale is, (n, 2) [px].
     """
-    content = _overlay(image, photograph, target)
-    write_bytes(folder / f"{Path(photograph.file).stem}_traced.png", content)
-
-
-def _overlay(image: Colours, found: TracedPhotograph, target: Floats | None) -> bytes:
-    """Return a PNG: line, ring at the clamped end, points of the target, and results."""
     factor = min(1.0, WIDTH / image.shape[1])
     drawn = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    pixels = np.round(factor * 16.0 * np.array(found.pixels)).astype(np.int32)
+    pixels = np.round(factor * 16.0 * np.array(photograph.pixels)).astype(np.int32)
     for i in range(len(pixels) - 1):
-        colour = READ if found.seen[i] and found.seen[i + 1] else BETWEEN
+        colour = READ if photograph.seen[i] and photograph.seen[i + 1] else BETWEEN
         start, end = pixels[i].tolist(), pixels[i + 1].tolist()
         cv2.line(drawn, start, end, colour, 1, cv2.LINE_AA, 4)
     cv2.circle(drawn, (pixels[0] // 16).tolist(), 8, READ, 2, cv2.LINE_AA)
     for point in np.empty((0, 2)) if target is None else target:
         cv2.circle(drawn, np.int32(factor * point).tolist(), 3, TARGET, 1, cv2.LINE_AA)
     lines = [
-        found.file.encode("ascii", "replace").decode(),
-        f"angle {found.bend_angle_deg:.2f} +- {found.bend_angle_error_deg:.2f} deg",
-        f"curvature {found.curvature_per_m:.2f} +- {found.curvature_error_per_m:.2f} 1/m",
-        f"length {found.length_mm:.2f} mm, scale from {found.scale_from}",
-        *(f"not sure: {doubt}" for doubt in found.not_sure),
-        *(["corrected by hand"] if found.corrected else []),
+        photograph.file.encode("ascii", "replace").decode(),
+        f"angle {photograph.bend_angle_deg:.2f} +- {photograph.bend_angle_error_deg:.2f} deg",
+        f"curvature {photograph.curvature_per_m:.2f} +- {photograph.curvature_error_per_m:.2f} 1/m",
+        f"length {photograph.length_mm:.2f} mm, scale from {photograph.scale_from}",
+        *(f"not sure: {doubt}" for doubt in photograph.not_sure),
+        *(["corrected by hand"] if photograph.corrected else []),
     ]
     for i, text in enumerate(lines):
         for colour, width in (((0, 0, 0), 4), ((255, 255, 255), 1)):
             place = (12, 28 + 26 * i)
             cv2.putText(drawn, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7, colour, width)
-    written, content = cv2.imencode(".png", drawn)
-    if not written:
-        raise BayesdegError(f"{found.file}: its overlay cannot be drawn; give a smaller photograph")
-    return bytes(content)
+    done, content = cv2.imencode(".png", drawn)
+    if not done:
+        raise BayesdegError(
+            f"{photograph.file}: its overlay cannot be drawn; give a smaller photograph"
+        )
+    write_bytes(folder / f"{Path(photograph.file).stem}_traced.png", bytes(content))
 
 
 def read_traces(folder: Path) -> tuple[TracedPhotograph, ...]:

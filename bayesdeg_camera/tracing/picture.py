@@ -13,6 +13,7 @@ from bayesdeg.errors import BayesdegError
 MOST_PIXELS = 100_000_000
 #: With fewer pixels along the shorter side no line can be traced to 0.1 mm.
 LEAST_SIDE = 200
+_TOO_LARGE = f"it claims more than {MOST_PIXELS // 1_000_000} megapixels; save it smaller"
 
 Colours = NDArray[np.uint8]
 
@@ -48,39 +49,36 @@ def read_picture(name: str, content: bytes) -> Colours:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # sizes are checked here
             image = Image.open(io.BytesIO(content))
-            _refuse(name, image)
+            _refuse_unsuitable(name, image)
             upright = ImageOps.exif_transpose(image).convert("RGB")
     except UnidentifiedImageError as fault:
-        raise _fault(name, "it is not a picture", "give a JPEG, PNG or TIFF file") from fault
+        raise BayesdegError(
+            f"{name}: it is not a picture; give a JPEG, PNG or TIFF file"
+        ) from fault
     except Image.DecompressionBombError as fault:
-        raise _too_large(name) from fault
+        raise BayesdegError(f"{name}: {_TOO_LARGE}") from fault
     except (OSError, SyntaxError, ValueError, EOFError) as fault:
-        raise _fault(name, "it is truncated or damaged", "copy it from the camera again") from fault
+        raise BayesdegError(
+            f"{name}: it is truncated or damaged; copy it from the camera again"
+        ) from fault
     return np.ascontiguousarray(np.asarray(upright)[:, :, ::-1])
 
 
-def _fault(name: str, problem: str, remedy: str) -> BayesdegError:
-    return BayesdegError(f"{name}: {problem}; {remedy}")
-
-
-def _too_large(name: str) -> BayesdegError:
-    most = MOST_PIXELS // 1_000_000
-    return _fault(name, f"it claims more than {most} megapixels", "save it smaller")
-
-
-def _refuse(name: str, image: Image.Image) -> None:
+def _refuse_unsuitable(name: str, image: Image.Image) -> None:
     width, height = image.size
+    why = ""
     if width * height > MOST_PIXELS:
-        raise _too_large(name)
-    if min(width, height) < LEAST_SIDE:
-        raise _fault(
-            name,
-            f"it has {width} × {height} pixels, too few to trace a line",
-            f"give a photograph of at least {LEAST_SIDE} pixels along each side",
+        why = _TOO_LARGE
+    elif min(width, height) < LEAST_SIDE:
+        why = (
+            f"it has {width} × {height} pixels, too few to trace a line; give a photograph of at "
+            f"least {LEAST_SIDE} pixels along each side"
         )
-    if getattr(image, "n_frames", 1) > 1:
-        raise _fault(name, "it has several frames", "save the intended one as a file")
-    if image.mode == "CMYK":
-        raise _fault(name, "its colours are CMYK", "save it as RGB")
-    if image.mode not in ("RGB", "RGBA", "L", "LA", "P", "1"):
-        raise _fault(name, f"it has {image.mode} pixels, not 8 bits per channel", "save it as RGB")
+    elif getattr(image, "n_frames", 1) > 1:
+        why = "it has several frames; save the intended one as a file"
+    elif image.mode == "CMYK":
+        why = "its colours are CMYK; save it as RGB"
+    elif image.mode not in ("RGB", "RGBA", "L", "LA", "P", "1"):
+        why = f"it has {image.mode} pixels, not 8 bits per channel; save it as RGB"
+    if why:
+        raise BayesdegError(f"{name}: {why}")

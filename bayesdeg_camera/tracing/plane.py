@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 
@@ -108,7 +108,17 @@ def grid_plane(image: Colours, square: float, rng: np.random.Generator) -> Plane
             "give --length"
         )
     at, lattice = best
-    return _fitted(at, _upright(at, square * lattice), rng)
+    lattice = _upright(at, square * lattice)
+    homography, _ = cv2.findHomography(lattice, at, 0)
+    residual = at - mapped(homography, lattice)
+    # eight fitted parameters
+    scatter = np.sqrt(np.sum(residual**2) / max(residual.size - 8, 1))
+    error = max(float(scatter), LEAST_CORNER_ERROR)
+    draws = [
+        np.linalg.inv(cv2.findHomography(lattice, at + rng.normal(0.0, error, at.shape), 0)[0])
+        for _ in range(SAMPLES)
+    ]
+    return Plane(np.linalg.inv(homography), np.array(draws), "grid", at)
 
 
 def _board(grey: NDArray[np.uint8], width: int, flags: int) -> tuple[Floats, Floats] | None:
@@ -153,19 +163,6 @@ def _upright(at: Floats, lattice: Floats) -> Floats:
     turn = np.arctan2(-ay, ax)
     c, s = np.cos(turn), np.sin(turn)
     return np.asarray(lattice @ np.array([[c, s], [-s, c]]))
-
-
-def _fitted(at: Floats, lattice: Floats, rng: np.random.Generator) -> Plane:
-    homography, _ = cv2.findHomography(lattice, at, 0)
-    residual = at - mapped(homography, lattice)
-    # eight fitted parameters
-    scatter = np.sqrt(np.sum(residual**2) / max(residual.size - 8, 1))
-    error = max(float(scatter), LEAST_CORNER_ERROR)
-    draws = [
-        np.linalg.inv(cv2.findHomography(lattice, at + rng.normal(0.0, error, at.shape), 0)[0])
-        for _ in range(SAMPLES)
-    ]
-    return Plane(np.linalg.inv(homography), np.array(draws), "grid", at)
 
 
 def square_on(
@@ -262,7 +259,13 @@ def ruler_plane(image: Colours, tick: float, rng: np.random.Generator) -> Plane:
         If no ruler is found.
     """
     strokes = _strokes(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-    best = _longest_comb(strokes)
+    best: tuple[Floats, float, float] | None = None
+    for angle in np.arange(0.0, np.pi, np.radians(3.0)):
+        off = np.abs((strokes[:, 2] - angle + np.pi / 2) % np.pi - np.pi / 2)
+        group = strokes[off < np.radians(4.0)]
+        found = None if len(group) < LEAST_TICKS else _comb(group)
+        if found is not None and (best is None or len(found[0]) > len(best[0])):
+            best = found
     if best is None:
         raise BayesdegError(
             "no ruler is found; show one in focus next to the actuator, or give --length"
@@ -289,22 +292,8 @@ def _strokes(grey: NDArray[np.uint8]) -> Floats:
     return np.array(found, dtype=np.float64).reshape(-1, 4)
 
 
-def _longest_comb(strokes: Floats) -> tuple[Floats, float, float] | None:
-    """Return the strokes of a ruler in order, their step and its error [px]."""
-    best: tuple[Floats, float, float] | None = None
-    for angle in np.arange(0.0, np.pi, np.radians(3.0)):
-        off = np.abs((strokes[:, 2] - angle + np.pi / 2) % np.pi - np.pi / 2)
-        group = strokes[off < np.radians(4.0)]
-        if len(group) < LEAST_TICKS:
-            continue
-        found = _comb(group)
-        if found is not None and (best is None or len(found[0]) > len(best[0])):
-            best = found
-    return best
-
-
 def _comb(group: Floats) -> tuple[Floats, float, float] | None:
-    """Fit equal steps to parallel strokes side by side."""
+    """Fit equal steps to parallel strokes side by side; return the strokes, the step, its error."""
     doubled = np.exp(2j * group[:, 2])
     turn = float(np.angle(np.sum(doubled))) / 2.0
     across = np.array([-np.sin(turn), np.cos(turn)])

@@ -10,12 +10,19 @@ from scipy.special import expit, logit
 
 from bayesdeg.data.settings import FEWEST_POINTS
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.edges import POINTS, STIFF, Edge, find_edge
-from bayesdeg.photographs.marks import find_marks
-from bayesdeg.photographs.outline import Silhouette, arc_of, find_body, len_of
-from bayesdeg.photographs.picture import Colours
-from bayesdeg.photographs.plane import Plane, grid_plane, mapped, rescaled, ruler_plane, square_on
 from bayesdeg.quantities import Side
+from bayesdeg_camera.tracing.edges import POINTS, STIFF, Edge, find_edge
+from bayesdeg_camera.tracing.marks import find_marks
+from bayesdeg_camera.tracing.outline import Silhouette, arc_of, find_body, len_of
+from bayesdeg_camera.tracing.picture import Colours
+from bayesdeg_camera.tracing.plane import (
+    Plane,
+    grid_plane,
+    mapped,
+    rescaled,
+    ruler_plane,
+    square_on,
+)
 
 Floats = NDArray[np.float64]
 
@@ -329,12 +336,26 @@ def measured(
 
     If ``reverse`` is not given, whether they run from tip to clamp is detected.
     """
-    _refuse_hidden(edge)
+    stiff = max(2, int(STIFF * len(edge.points)))
+    if min(np.mean(edge.seen[:stiff]), np.mean(edge.seen[-stiff:])) < ENDS_SEEN:
+        raise BayesdegError(
+            "the edge is hidden at an end of the line, where the bend angle is read; clear the "
+            "ends of marks, glare and shadow"
+        )
+    if np.mean(edge.seen) < SEEN:
+        raise BayesdegError(
+            f"the edge is visible on only {100.0 * float(np.mean(edge.seen)):.0f} % of the line; "
+            "light it evenly, without marks and glare on it"
+        )
     plane = _plane(image, edge, scale, rng)
     draws = np.array([_reading(plane_draw, edge, rng) for plane_draw in plane.samples])
     angle, length = angle_and_length(plane.placed(edge.points))
-    if scale.length is not None:
-        _refuse_length(length, scale.length)
+    if scale.length is not None and abs(length / scale.length - 1.0) > LENGTH_AGREES:
+        raise BayesdegError(
+            f"the line measures {length:.4g} mm but is stated as {scale.length:.4g} mm, a factor "
+            f"of {length / scale.length:.3g}; check the squares of the grid, the ticks of the "
+            "ruler, the scale, and whether the whole line is visible"
+        )
     spread = np.std(draws, axis=0)
     between = angle / ((1.0 - STIFF) * length)
     bent = bent_to_ends(ends_curvature(plane.placed(edge.points)), between, spread[2])
@@ -342,7 +363,16 @@ def measured(
     angle, read = with_bent_ends(angle, bent), with_bent_ends(1.0, bent)
     angle_error = float(np.degrees(np.hypot(read * spread[0], other)))
     curvature_error = float(np.hypot(read * np.std(draws[:, 0] / draws[:, 1]), other / length))
-    _refuse_bend(np.degrees(angle), angle_error, by_hand=reverse is not None)
+    if reverse is None and angle_error > MOST_ANGLE_ERROR:
+        raise BayesdegError(
+            f"the bend angle is uncertain by {angle_error:.1f} degrees; take a closer, "
+            "sharper photograph, or show a checkerboard"
+        )
+    if np.degrees(angle) < -AWAY:
+        raise BayesdegError(
+            f"the line bends away from the paper by {-np.degrees(angle):.0f} degrees; show the "
+            "bottom line with --hint, on the side of the paper"
+        )
     doubts: tuple[str, ...] = ()
     if reverse is None:
         reverse, doubts = _order(edge, base)
@@ -365,33 +395,6 @@ def measured(
     )
 
 
-def _refuse_bend(angle: float, error: float, *, by_hand: bool) -> None:
-    if error > MOST_ANGLE_ERROR and not by_hand:
-        raise BayesdegError(
-            f"the bend angle is uncertain by {error:.1f} degrees; take a closer, "
-            "sharper photograph, or show a checkerboard"
-        )
-    if angle < -AWAY:
-        raise BayesdegError(
-            f"the line bends away from the paper by {-angle:.0f} degrees; show the bottom line "
-            "with --hint, on the side of the paper"
-        )
-
-
-def _refuse_hidden(edge: Edge) -> None:
-    stiff = max(2, int(STIFF * len(edge.points)))
-    if min(np.mean(edge.seen[:stiff]), np.mean(edge.seen[-stiff:])) < ENDS_SEEN:
-        raise BayesdegError(
-            "the edge is hidden at an end of the line, where the bend angle is read; clear the "
-            "ends of marks, glare and shadow"
-        )
-    if np.mean(edge.seen) < SEEN:
-        raise BayesdegError(
-            f"the edge is visible on only {100.0 * float(np.mean(edge.seen)):.0f} % of the line; "
-            "light it evenly, without marks and glare on it"
-        )
-
-
 def _plane(image: Colours, edge: Edge, scale: PictureScale, rng: np.random.Generator) -> Plane:
     if scale.grid is not None:
         return grid_plane(image, scale.grid, rng)
@@ -404,16 +407,6 @@ def _plane(image: Colours, edge: Edge, scale: PictureScale, rng: np.random.Gener
     wanted = scale.length
     plane = square_on(image, 1.0, 0.0, source="stated length", rng=rng)
     return rescaled(plane, lambda h: wanted / len_of(mapped(h, edge.points)))
-
-
-def _refuse_length(found: float, stated: float) -> None:
-    ratio = found / stated
-    if abs(ratio - 1.0) > LENGTH_AGREES:
-        raise BayesdegError(
-            f"the line measures {found:.4g} mm but is stated as {stated:.4g} mm, a factor of "
-            f"{ratio:.3g}; check the squares of the grid, the ticks of the ruler, the scale, and "
-            "whether the whole line is visible"
-        )
 
 
 def _reading(

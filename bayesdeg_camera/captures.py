@@ -16,7 +16,7 @@ independent, since programs smooth what cameras see, and gel creeps while it is 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from pathlib import Path
+from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
@@ -31,9 +31,9 @@ from bayesdeg.data.tables import of_actuators
 from bayesdeg.errors import Fault, StudyError, use_one_of
 from bayesdeg.files import read_bytes, reason
 from bayesdeg.observations.markers import with_lines
-from bayesdeg.pipeline.c3d import Recording, is_readable, read_c3d
-from bayesdeg.pipeline.places import named_files
 from bayesdeg.pipeline.progress import Progress
+from bayesdeg_camera.c3d import LIBRARY, Recording, read_c3d
+from bayesdeg_camera.places import contradictions, named_files, raise_faults
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,6 @@ SAME_PLACE = 1e-6  # mm: far below what is measured, far above rounding
 MILLIMETRES: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 KILOPASCALS: Mapping[str, float] = {"pa": 1e-3, "hpa": 0.1, "mbar": 0.1, "kpa": 1.0, "bar": 100.0,
                                     "mpa": 1e3, "psi": 6.894757}  # fmt: skip
-_MARKERS, _CAPTURES = "markers", "captures"
 _MOST_NAMES = 12  # that a message lists
 
 
@@ -78,6 +77,16 @@ class Hold:
     error: Floats
     frames: int
     left_out: int
+
+    @property
+    def specimen(self) -> str:
+        """The actuator."""
+        return str(self.row["specimen_id"])
+
+    @property
+    def length(self) -> float:
+        """Of the line through the markers [mm]."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
 
 @dataclass(frozen=True)
@@ -117,67 +126,79 @@ def with_captures(study: Study, progress: Progress) -> Study:
     Raises
     ------
     StudyError
-        If a recording is not there, is outside the study, no C3D file or damaged, lacks markers,
+        If a recording is missing, is outside the study, no C3D file or damaged, lacks markers,
         frames or the channel of pressures, or its markers do not bend in a plane.
     """
-    table = study.table(_CAPTURES)
+    table, options = study.table("captures"), study.settings.captures
     assert table is not None
-    _raise(_wrong_study(study))
-    names = dict.fromkeys(map(str, table["file"]))
-    places, faults = named_files(study.folder, FILE, FOLDER, names, "recordings")
-    _raise(faults)
-    recordings, hashes, faults = _recordings(places, progress)
-    _raise(faults)
-    options = study.settings.captures
-    faults = [fault for name, one in recordings.items() for fault in _wrong(name, one, options)]
-    _raise(faults)
-    holds, faults = _holds(table, recordings, options)
-    _raise(faults)
-    planes, faults = _planes(holds, options)
-    _raise(faults)
-    _raise(_apart(hold, planes[_specimen(hold)], options) for hold in holds)
-    lines = [_line(hold, planes[_specimen(hold)], options) for hold in holds]
-    read = replace(
-        study,
-        others={**study.others, _MARKERS: pd.concat(lines, ignore_index=True)},
-        recorded={**study.recorded, _MARKERS: study.recorded.get(_CAPTURES, frozenset())},
-        hashes={**study.hashes, **hashes},
-        captured=tuple(_record(hold, planes[_specimen(hold)]) for hold in holds),
-    )
-    return with_lines(read)
-
-
-def _raise(faults: Iterable[Fault | None]) -> None:
-    if found := tuple(one for one in faults if one is not None):
-        raise StudyError(found)
-
-
-def _wrong_study(study: Study) -> Iterator[Fault]:
-    others = {"actuator": "actuator.csv", _MARKERS: "markers.csv", "photos": "photos.csv"}
-    for name, file in others.items():
-        if study.table(name) is not None:
-            remedy = "keep either the recordings or the readings from them"
-            yield Fault(FILE, f"is given together with {file}", remedy)
-    if not study.settings.is_default_mould:
-        problem = "is available only for the default actuator, not for points on a different one"
-        yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
-    if study.settings.operator == "base_tip" and study.settings.captures.plane is None:
+    faults = contradictions(study, FILE, "recordings")
+    if study.settings.operator == "base_tip" and options.plane is None:
         problem = "is missing, so the direction of the base is unknown"
         remedy = (
             "give the axes along the clamped end and away from the paper, or a different operator"
         )
-        yield Fault(SETTINGS_FILE, problem, remedy, None, "captures.plane")
-    if not is_readable():
-        problem = "needs the library ezc3d, which is not installed"
-        yield Fault(FILE, problem, "pip install 'bayesdeg[motion]' installs it")
+        faults.append(Fault(SETTINGS_FILE, problem, remedy, None, "captures.plane"))
+    if find_spec(LIBRARY) is None:
+        problem = f"needs the library {LIBRARY}, which is not installed"
+        faults.append(Fault(FILE, problem, "run: pip install 'bayesdeg[camera]'"))
+    raise_faults(faults)
+    names = dict.fromkeys(map(str, table["file"]))
+    recordings, hashes = _recordings(study, names, progress)
+    raise_faults(
+        fault for name, one in recordings.items() for fault in _lacking(name, one, options)
+    )
+    holds = []
+    for row in table.to_dict("records"):
+        named = {str(name): value for name, value in row.items()}
+        try:
+            holds.append(_hold(named, recordings[str(row["file"])], options))
+        except StudyError as fault:
+            faults += fault.faults
+    raise_faults(faults)
+    planes = _planes(holds, options)
+    lines, captured = [], []
+    for hold in holds:
+        plane = planes[hold.specimen]
+        points = plane.placed(hold.points)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if steps.min() <= SAME_PLACE:
+            k = int(np.argmin(steps))
+            both = f"{options.markers[k]} and {options.markers[k + 1]}"
+            remedy = "name every marker once, and check the plane"
+            faults.append(_fault_of(hold.row, f"has the markers {both} at the same place", remedy))
+            continue
+        points = shifted(points, options.offset)
+        points -= points[0]
+        within = np.sqrt(np.mean(hold.error**2 @ (plane.axes**2).T, axis=1))
+        line = {name: hold.row[name] for name in of_actuators({})} | {
+            "pressure_kPa": hold.pressure,
+            "point": np.arange(1.0, len(points) + 1.0),
+            "x_mm": points[:, 0],
+            "y_mm": points[:, 1],
+            "sd_mm": np.hypot(within, options.sd),
+        }
+        lines.append(pd.DataFrame(line).assign(x_px=np.nan, y_px=np.nan, scale_mm_per_px=np.nan))
+        about = (str(hold.row["file"]), hold.specimen, hold.pressure, hold.frames, hold.left_out)
+        captured.append(CapturedLine(*about, plane.off / hold.length))
+    raise_faults(faults)
+    read = replace(
+        study,
+        others={**study.others, "markers": pd.concat(lines, ignore_index=True)},
+        recorded={**study.recorded, "markers": study.recorded.get("captures", frozenset())},
+        hashes={**study.hashes, **hashes},
+        captured=tuple(captured),
+    )
+    return with_lines(read)
 
 
 def _recordings(
-    places: Mapping[str, Path], progress: Progress
-) -> tuple[dict[str, Recording], dict[str, str], list[Fault]]:
-    """Read every file once; return recordings and hashes by name, and faults."""
+    study: Study, names: Iterable[str], progress: Progress
+) -> tuple[dict[str, Recording], dict[str, str]]:
+    """Read every file once; return recordings by name, and hashes by path."""
+    places, faults = named_files(study.folder, FILE, FOLDER, names, "recordings")
+    raise_faults(faults)
     progress.stage("reading recordings", len(places))
-    found, hashes, faults = {}, {}, []
+    found, hashes = {}, {}
     for name, path in places.items():
         file = f"{FOLDER}/{name}"
         try:
@@ -190,10 +211,11 @@ def _recordings(
         except ValueError as error:
             faults.append(Fault(file, str(error), "export it again as C3D"))
         progress.advance(note=name)
-    return found, hashes, faults
+    raise_faults(faults)
+    return found, hashes
 
 
-def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator[Fault]:
+def _lacking(name: str, recording: Recording, options: CaptureOptions) -> Iterator[Fault]:
     """Find what a recording lacks that ``[captures]`` requires."""
     file, there = f"{FOLDER}/{name}", recording.labels
     if not options.markers:
@@ -221,8 +243,10 @@ def _wrong(name: str, recording: Recording, options: CaptureOptions) -> Iterator
         remedy = use_one_of(options.pressure, recording.channels[:_MOST_NAMES] or ("none",))
         place = (None, "captures.pressure", options.pressure)
         yield Fault(file, "is not one of its analog channels", remedy, *place)
-    elif options.kpa_per_unit is None and _unit_of(recording, at[0]) is None:
-        unit = recording.channel_units[at[0]]
+    elif (
+        options.kpa_per_unit is None
+        and (unit := recording.channel_units[at[0]]).lower() not in KILOPASCALS
+    ):
         problem = "has a pressure channel without a pressure unit"
         remedy = "state [captures] kPa_per_unit, and zero, its reading at zero pressure"
         yield Fault(file, problem, remedy, None, options.pressure, unit)
@@ -240,34 +264,34 @@ def places_of(name: str, labels: Sequence[str]) -> list[int]:
     return whole or [i for i, label in enumerate(labels) if label.rpartition(":")[2] == name]
 
 
-def _unit_of(recording: Recording, channel: int) -> float | None:
-    """Return a channel's unit in kPa, if it is one of pressure."""
-    return KILOPASCALS.get(recording.channel_units[channel].lower())
+def _fault_of(row: Mapping[str, object], problem: str, remedy: str) -> Fault:
+    name = str(row["specimen_id"])
+    return Fault(FILE, problem, remedy, None, "file", str(row["file"]), name)
 
 
-def _holds(
-    table: pd.DataFrame, recordings: Mapping[str, Recording], options: CaptureOptions
-) -> tuple[list[Hold], list[Fault]]:
-    holds: list[Hold] = []
-    faults: list[Fault] = []
-    for row in table.to_dict("records"):
-        named = {str(name): value for name, value in row.items()}
-        try:
-            holds.append(_hold(named, recordings[str(row["file"])], options))
-        except StudyError as fault:
-            faults += fault.faults
-    return holds, faults
+def _number(row: Mapping[str, object], name: str) -> float:
+    """Return a cell; nan where nothing is recorded."""
+    return float(str(row[name]))
 
 
 def _hold(row: Mapping[str, object], recording: Recording, options: CaptureOptions) -> Hold:
-    """Average the markers of a row over its frames.
+    """Average the markers of a row over its frames, all if it names none.
+
+    The pressure is the stated one, or the mean of the channel.
 
     Raises
     ------
     StudyError
         If it has no such frames, a marker is not seen in any, or there is no pressure.
     """
-    frames = _frames(row, recording)
+    first, last = recording.first_frame, recording.first_frame + len(recording.points) - 1
+    low = first if np.isnan(start := _number(row, "first_frame")) else int(start)
+    high = last if np.isnan(end := _number(row, "last_frame")) else int(end)
+    if not first <= low <= high <= last:
+        problem = f"names frames {low} to {high}, but the recording has {first} to {last}"
+        remedy = "give frames by the numbers of the recording"
+        raise StudyError([_fault_of(row, problem, remedy)])
+    frames = np.arange(low - first, high - first + 1)
     markers = [places_of(marker, recording.labels)[0] for marker in options.markers]
     unit = MILLIMETRES[options.unit or recording.unit.lower()]
     points = unit * recording.points[frames][:, markers]
@@ -276,67 +300,32 @@ def _hold(row: Mapping[str, object], recording: Recording, options: CaptureOptio
     if not whole.any():
         marker = options.markers[int(np.argmin(seen.sum(axis=0)))]
         problem = f"has no frame with all markers visible; {marker} is missing most often"
-        raise _refused(row, problem, "fill its gaps in the capture software, or name other frames")
-    pressure = _pressure(row, recording, frames[whole], options)
+        remedy = "fill its gaps in the capture software, or name other frames"
+        raise StudyError([_fault_of(row, problem, remedy)])
+    pressure = _number(row, "pressure_kPa")
+    if np.isnan(pressure):
+        if options.pressure is None:
+            remedy = "give it, or name the analog channel as [captures] pressure"
+            raise StudyError([_fault_of(row, "states no pressure_kPa", remedy)])
+        channel = places_of(options.pressure, recording.channels)[0]
+        samples = recording.analogs[frames[whole]][..., channel]
+        if not samples.size or not np.isfinite(samples).all():
+            problem = f"has no samples of {options.pressure}"
+            raise StudyError([_fault_of(row, problem, "give pressure_kPa")])
+        in_kpa = KILOPASCALS.get(recording.channel_units[channel].lower(), 1.0)
+        factor = options.kpa_per_unit or in_kpa
+        pressure = round(factor * (float(np.mean(samples)) - options.zero), 6)
     kept = points[whole]
     error = error_of_mean(kept.reshape(len(kept), -1)).reshape(-1, 3)
-    left_out = int(np.sum(~whole))
-    return Hold(row, pressure, kept.mean(axis=0), error, len(kept), left_out)
+    return Hold(row, pressure, kept.mean(axis=0), error, len(kept), int(np.sum(~whole)))
 
 
-def _frames(row: Mapping[str, object], recording: Recording) -> NDArray[np.int_]:
-    """Return the indices of a row's frames in the recording; all if it names none."""
-    first, last = recording.first_frame, recording.first_frame + len(recording.points) - 1
-    low = first if np.isnan(start := _number(row, "first_frame")) else int(start)
-    high = last if np.isnan(end := _number(row, "last_frame")) else int(end)
-    if not first <= low <= high <= last:
-        problem = f"names frames {low} to {high}, but the recording has {first} to {last}"
-        raise _refused(row, problem, "give frames by the numbers of the recording")
-    return np.arange(low - first, high - first + 1)
-
-
-def _pressure(
-    row: Mapping[str, object],
-    recording: Recording,
-    frames: NDArray[np.int_],
-    options: CaptureOptions,
-) -> float:
-    """Return the pressure that a row states, or the mean of its channel [kPa]."""
-    if not np.isnan(stated := _number(row, "pressure_kPa")):
-        return stated
-    if options.pressure is None:
-        remedy = "give it, or name the analog channel as [captures] pressure"
-        raise _refused(row, "states no pressure_kPa", remedy)
-    channel = places_of(options.pressure, recording.channels)[0]
-    samples = recording.analogs[frames][..., channel]
-    if not samples.size or not np.isfinite(samples).all():
-        raise _refused(row, f"has no samples of {options.pressure}", "give pressure_kPa")
-    factor = options.kpa_per_unit or _unit_of(recording, channel) or 1.0
-    return round(factor * (float(np.mean(samples)) - options.zero), 6)
-
-
-def _number(row: Mapping[str, object], name: str) -> float:
-    """Return a cell; nan where nothing is recorded."""
-    return float(str(row[name]))
-
-
-def _refused(row: Mapping[str, object], problem: str, remedy: str) -> StudyError:
-    name = str(row["specimen_id"])
-    return StudyError([Fault(FILE, problem, remedy, None, "file", str(row["file"]), name)])
-
-
-def _specimen(hold: Hold) -> str:
-    return str(hold.row["specimen_id"])
-
-
-def _planes(
-    holds: list[Hold], options: CaptureOptions
-) -> tuple[dict[str, BendingPlane], list[Fault]]:
-    """Return the bending plane of each specimen, and the specimens without one."""
+def _planes(holds: list[Hold], options: CaptureOptions) -> dict[str, BendingPlane]:
+    """Return the bending plane of each specimen; refuse specimens without one."""
     planes: dict[str, BendingPlane] = {}
     faults = []
-    for name in dict.fromkeys(map(_specimen, holds)):
-        own = sorted((h for h in holds if _specimen(h) == name), key=lambda hold: hold.pressure)
+    for name in dict.fromkeys(hold.specimen for hold in holds):
+        own = sorted((h for h in holds if h.specimen == name), key=lambda hold: hold.pressure)
         lines = [hold.points for hold in own]
         plane = (
             fitted_plane(lines)
@@ -347,51 +336,14 @@ def _planes(
             problem = "is too straight in all of its holds to show the plane in which it bends"
             remedy = 'state [captures] plane, such as ["x", "-z"]'
             faults.append(Fault(FILE, problem, remedy, specimen=name))
-        elif plane.off > OFF_PLANE * _length(lines[0]):
+        elif plane.off > OFF_PLANE * own[0].length:
             problem = f"has markers {plane.off:.2g} mm off the bending plane"
             remedy = "name the markers along the bottom line, or state [captures] plane"
             faults.append(Fault(FILE, problem, remedy, specimen=name))
         else:
             planes[name] = plane
-    return planes, faults
-
-
-def _length(line: Floats) -> float:
-    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-
-
-def _apart(hold: Hold, plane: BendingPlane, options: CaptureOptions) -> Fault | None:
-    """Return the fault of a line with coincident neighbours."""
-    steps = np.linalg.norm(np.diff(plane.placed(hold.points), axis=0), axis=1)
-    if steps.min() > SAME_PLACE:
-        return None
-    k = int(np.argmin(steps))
-    problem = f"has the markers {options.markers[k]} and {options.markers[k + 1]} at the same place"
-    return _refused(hold.row, problem, "name every marker once, and check the plane").faults[0]
-
-
-def _line(hold: Hold, plane: BendingPlane, options: CaptureOptions) -> pd.DataFrame:
-    """Return the rows of ``markers.csv`` of a hold."""
-    points = shifted(plane.placed(hold.points), options.offset)
-    within = np.sqrt(np.mean(hold.error**2 @ (plane.axes**2).T, axis=1))
-    own = {name: hold.row[name] for name in of_actuators({})}
-    points -= points[0]
-    return pd.DataFrame(
-        own
-        | {
-            "pressure_kPa": hold.pressure,
-            "point": np.arange(1.0, len(points) + 1.0),
-            "x_mm": points[:, 0],
-            "y_mm": points[:, 1],
-            "sd_mm": np.hypot(within, options.sd),
-        }
-    ).assign(x_px=np.nan, y_px=np.nan, scale_mm_per_px=np.nan)
-
-
-def _record(hold: Hold, plane: BendingPlane) -> CapturedLine:
-    off = plane.off / _length(hold.points)
-    file, name = str(hold.row["file"]), _specimen(hold)
-    return CapturedLine(file, name, hold.pressure, hold.frames, hold.left_out, off)
+    raise_faults(faults)
+    return planes
 
 
 def stated_plane(along: str, away: str, points: Floats) -> BendingPlane:
@@ -452,16 +404,10 @@ def fitted_plane(lines: list[Floats]) -> BendingPlane | None:
     if along @ (last[-1] - last[0]) < 0.0:
         along = -along
     plane = BendingPlane(middle, np.array([along, away]), float(spread[2] / np.sqrt(len(points))))
-    if _turned(plane.placed(last)) > 0.0:
-        plane = BendingPlane(middle, np.array([along, -away]), plane.off)
-    return plane
-
-
-def _turned(line: Floats) -> float:
-    """Return the angle, to the left, from the first to the last step of a line [rad]."""
-    steps = np.diff(line, axis=0)
+    steps = np.diff(plane.placed(last), axis=0)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    return float(heading[-1] - heading[0])
+    turned_left = heading[-1] > heading[0]
+    return replace(plane, axes=np.array([along, -away])) if turned_left else plane
 
 
 def error_of_mean(values: Floats) -> Floats:

@@ -9,7 +9,6 @@ import struct
 import sys
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,11 +54,6 @@ class Recording:
     analogs: Floats
 
 
-def is_readable() -> bool:
-    """Return whether the library for C3D files is installed."""
-    return find_spec(LIBRARY) is not None
-
-
 def read_c3d(path: str, content: bytes) -> Recording:
     """Read a C3D file.
 
@@ -85,7 +79,18 @@ def read_c3d(path: str, content: bytes) -> Recording:
     refuse_cut_off(content)
     most_mb = MEMORY_MB + PER_MB * len(content) / 1e6
     try:
-        return _recording(asked(__file__, path, most_mb, library="the reader"))
+        arrays = asked(__file__, path, most_mb, library="the reader")
+        with np.load(io.BytesIO(arrays), allow_pickle=False) as found:
+            words = {name: tuple(map(str, found[name])) for name in ("labels", "channels", "units")}
+            return Recording(
+                words["labels"],
+                str(found["unit"]),
+                int(found["first_frame"]),
+                found["points"],
+                words["channels"],
+                words["units"],
+                found["analogs"],
+            )
     except ValueError as fault:
         raise ValueError(f"is damaged: {fault}") from fault
 
@@ -122,22 +127,8 @@ def refuse_cut_off(content: bytes) -> None:
         )
 
 
-def _recording(content: bytes) -> Recording:
-    with np.load(io.BytesIO(content), allow_pickle=False) as found:
-        words = {name: tuple(map(str, found[name])) for name in ("labels", "channels", "units")}
-        return Recording(
-            words["labels"],
-            str(found["unit"]),
-            int(found["first_frame"]),
-            found["points"],
-            words["channels"],
-            words["units"],
-            found["analogs"],
-        )
-
-
-def _arrays(path: str) -> dict[str, NDArray[np.generic]]:
-    """Return the arrays of `Recording` by name."""
+def _arrays(path: str) -> bytes:
+    """Return the arrays of `Recording` by name, as a file of NumPy."""
     file = import_module(LIBRARY).c3d(path)
     about, channels = file["parameters"]["POINT"], file["parameters"].get("ANALOG", {})
     points = file["data"]["points"][:3].transpose(2, 1, 0)
@@ -150,7 +141,7 @@ def _arrays(path: str) -> dict[str, NDArray[np.generic]]:
         raise ValueError("it has markers or channels without names")
     units = [*units, *[""] * analogs.shape[1]]
     unit = _words(about, "UNITS")
-    return {
+    arrays = {
         "labels": np.array(labels[: points.shape[1]], dtype=np.str_),
         "unit": np.array(unit[0] if unit else "", dtype=np.str_),
         "first_frame": np.array(int(file["header"]["points"]["first_frame"]) + 1),
@@ -159,6 +150,9 @@ def _arrays(path: str) -> dict[str, NDArray[np.generic]]:
         "units": np.array(units[: analogs.shape[1]], dtype=np.str_),
         "analogs": analogs[: samples * frames].reshape(frames, samples, analogs.shape[1]),
     }
+    made = io.BytesIO()
+    np.savez(made, allow_pickle=False, **arrays)
+    return made.getvalue()
 
 
 def _words(group: dict[str, dict[str, list[str]]], name: str) -> list[str]:
@@ -171,11 +165,5 @@ def _words(group: dict[str, dict[str, list[str]]], name: str) -> list[str]:
     return found
 
 
-def _written(path: str) -> bytes:
-    made = io.BytesIO()
-    np.savez(made, allow_pickle=False, **_arrays(path))
-    return made.getvalue()
-
-
 if __name__ == "__main__":
-    ended(lambda: _written(sys.argv[1]), seconds=SECONDS, megabytes=float(sys.argv[2]))
+    ended(lambda: _arrays(sys.argv[1]), seconds=SECONDS, megabytes=float(sys.argv[2]))

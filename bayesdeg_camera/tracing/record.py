@@ -1,6 +1,6 @@
 """Traced photographs as records and as rows of tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from hashlib import sha256
 
 import numpy as np
@@ -8,9 +8,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.data.photographs import Places, TracedPhotograph
-from bayesdeg.photographs.picture import Colours
-from bayesdeg.photographs.plane import mapped
-from bayesdeg.photographs.trace import BY_HAND, Trace, angle_and_length, into_frame, with_bent_ends
+from bayesdeg_camera.tracing.picture import Colours
+from bayesdeg_camera.tracing.plane import mapped
+from bayesdeg_camera.tracing.trace import (
+    BY_HAND,
+    Trace,
+    angle_and_length,
+    into_frame,
+    with_bent_ends,
+)
 
 Floats = NDArray[np.float64]
 
@@ -30,19 +36,7 @@ def hash_of(content: bytes) -> str:
 
 
 def recorded(name: str, content: bytes, image: Colours, found: Trace) -> TracedPhotograph:
-    """Return the record of a trace.
-
-    Parameters
-    ----------
-    name : str
-        Name of the photograph.
-    content : bytes
-        Content of its file.
-    image : array of uint8
-        The photograph, upright.
-    found : Trace
-        The trace.
-    """
+    """Return the record of the trace of a photograph: its file name and content, upright."""
     return TracedPhotograph(
         file=name,
         sha256=hash_of(content),
@@ -95,7 +89,9 @@ def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
     points = mapped(motion, points)
     angle, length = angle_and_length(points)
     angle = with_bent_ends(angle, photograph.bent_ends)
-    per_pixel = _per_pixel(to_mm, pixels)[:, None]
+    here = mapped(to_mm, pixels)
+    beside, above = (mapped(to_mm, pixels + step) - here for step in ([1.0, 0.0], [0.0, 1.0]))
+    per_pixel = np.sqrt(0.5 * (np.sum(beside**2, axis=1) + np.sum(above**2, axis=1)))[:, None]
     errors = np.where(moved[:, None], BY_HAND * per_pixel, np.array(photograph.errors))
     added = _angle_error(points, np.where(moved[:, None], errors, 0.0))
     added = with_bent_ends(added, photograph.bent_ends)
@@ -132,28 +128,12 @@ def _angle_error(points: Floats, errors: Floats) -> float:
     return float(np.sqrt(found))
 
 
-def _per_pixel(to_mm: Floats, pixels: Floats) -> Floats:
-    """Return the size of a pixel at points [mm]."""
-    here = mapped(to_mm, pixels)
-    beside, above = (mapped(to_mm, pixels + step) - here for step in ([1.0, 0.0], [0.0, 1.0]))
-    size: Floats = np.sqrt(0.5 * (np.sum(beside**2, axis=1) + np.sum(above**2, axis=1)))
-    return size
-
-
 def _places(points: Floats, digits: int) -> Places:
     return tuple((round(x, digits), round(y, digits)) for x, y in points.tolist())
 
 
 def marker_rows(photograph: TracedPhotograph, about: Mapping[str, object]) -> pd.DataFrame:
-    """Return the points of a photograph as rows of ``markers.csv``.
-
-    Parameters
-    ----------
-    photograph : TracedPhotograph
-        A traced photograph.
-    about : mapping
-        Other columns, common to all points.
-    """
+    """Return points as rows of ``markers.csv``, with other columns common to all of them."""
     points, errors = np.array(photograph.points), np.array(photograph.errors)
     return pd.DataFrame(
         {
@@ -178,35 +158,3 @@ def pixel_rows(photograph: TracedPhotograph) -> pd.DataFrame:
             "y_px": pixels[:, 1].round(2),
         }
     )
-
-
-def trace_rows(photographs: Sequence[TracedPhotograph]) -> pd.DataFrame:
-    """Return one row per photograph: its readings, or why there are none."""
-    read = (
-        *("bend_angle_deg", "bend_angle_error_deg", "bent_ends"),
-        *("curvature_per_m", "curvature_error_per_m", "length_mm"),
-    )
-    return pd.DataFrame(
-        {
-            "file": one.file,
-            **one.about,
-            **{name: None if one.refused else getattr(one, name) for name in read},
-            "scale_from": one.scale_from,
-            "not_sure": "; ".join(one.not_sure),
-            "refused": one.refused,
-            "corrected": int(one.corrected),
-        }
-        for one in photographs
-    )
-
-
-def tables_of(photographs: Sequence[TracedPhotograph]) -> dict[str, pd.DataFrame]:
-    """Return tables of traced photographs by file; empty if none were traced."""
-    traced = [one for one in photographs if not one.refused]
-    if not traced:
-        return {}
-    return {
-        "markers.csv": pd.concat([marker_rows(one, one.about) for one in traced]),
-        "traces.csv": trace_rows(traced),
-        "points.csv": pd.concat([pixel_rows(one) for one in traced]),
-    }

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.photographs.marks import Marks
-from bayesdeg.photographs.picture import Colours
+from bayesdeg_camera.tracing.marks import Marks
+from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
 
@@ -114,7 +114,13 @@ def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = 
 
 def _one_sided(best: Silhouette, found: list[Silhouette]) -> Silhouette:
     """Return the body; refuse if an equally good one lies across its line, as in a grid."""
-    across = [other for other in found if _is_across(other, best)]
+    ahead = best.line[-1] - best.line[0]
+    across = [
+        other
+        for other in found
+        if (other.line[-1] - other.line[0]) @ ahead < 0.0
+        and _apart(other, best) < ALIKE * best.thickness
+    ]
     if across and max(_votes(one, found) for one in across) >= SECOND * _votes(best, found):
         raise BayesdegError(
             "something on both sides of the line looks like an actuator, such as lines of a mat; "
@@ -139,14 +145,12 @@ def _agreed(found: list[Silhouette]) -> Silhouette:
 
 
 def _votes(one: Silhouette, found: list[Silhouette]) -> int:
-    return sum(_alike(one, other) for other in found)
-
-
-def _alike(one: Silhouette, other: Silhouette) -> bool:
-    return (
+    """Return the number of bodies that are the same."""
+    return sum(
         _apart(one, other) < ALIKE * other.thickness
         and abs(one.thickness / other.thickness - 1.0) < ALIKE
         and abs(len_of(one.line) / len_of(other.line) - 1.0) < ALIKE
+        for other in found
     )
 
 
@@ -157,12 +161,6 @@ def _is_second(other: Silhouette, best: Silhouette) -> bool:
         and other.thickness > SECOND * best.thickness
         and len_of(other.line) > SECOND * len_of(best.line)
     )
-
-
-def _is_across(other: Silhouette, best: Silhouette) -> bool:
-    """Whether a body shares the line of another, on its opposite side."""
-    opposite = (other.line[-1] - other.line[0]) @ (best.line[-1] - best.line[0]) < 0.0
-    return bool(opposite) and _apart(other, best) < ALIKE * best.thickness
 
 
 def _follows(body: Silhouette, hint: Floats) -> bool:
@@ -265,18 +263,13 @@ def _evenly(outline: Floats, count: int) -> Floats:
     return np.column_stack([np.interp(at, arc, axis) for axis in closed.T])
 
 
-def _turning(points: Floats) -> Floats:
-    """Angle between the chords behind and ahead of every point of a closed line [deg]."""
-    behind = points - np.roll(points, CORNER_WINDOW, axis=0)
-    ahead = np.roll(points, -CORNER_WINDOW, axis=0) - points
-    cross = behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0]
-    return np.degrees(np.arctan2(cross, np.sum(behind * ahead, axis=1)))
-
-
 def _comb_body(outline: Floats, factor: float) -> Silhouette | None:
     """Return the body of an outline that is a comb."""
     points = _evenly(outline, OUTLINE_POINTS)
-    turning = np.abs(_turning(points))
+    behind = points - np.roll(points, CORNER_WINDOW, axis=0)
+    ahead = np.roll(points, -CORNER_WINDOW, axis=0) - points
+    cross = behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0]
+    turning = np.abs(np.degrees(np.arctan2(cross, np.sum(behind * ahead, axis=1))))
     corners = [
         i
         for i in np.flatnonzero(turning > CORNER)

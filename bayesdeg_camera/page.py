@@ -20,14 +20,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.commands.trace_folder import picture_of, read_traces, save_correction
 from bayesdeg.console import errors
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import parse_json, reason
-from bayesdeg.photographs.record import corrected
-from bayesdeg.photographs.trace import OUTSIDE
 from bayesdeg.pipeline.output import claimed
+from bayesdeg_camera.folder import picture_of, read_traces, save_correction
+from bayesdeg_camera.tracing.record import corrected
+from bayesdeg_camera.tracing.trace import OUTSIDE
 
 Floats = NDArray[np.float64]
 
@@ -74,10 +74,6 @@ class Correction:
     photographs: list[TracedPhotograph]
     lock: Lock = field(default_factory=Lock)
 
-    def listed(self) -> list[dict[str, object]]:
-        """Return the data of every photograph for the page."""
-        return [self.shown(number) for number in range(len(self.photographs))]
-
     def shown(self, number: int) -> dict[str, object]:
         """Return the data of a photograph for the page."""
         one = self.photographs[number]
@@ -104,7 +100,7 @@ class Correction:
             If they are not points of one of the photographs.
         """
         with self.lock:
-            number, pixels = self._checked(asked)
+            number, pixels = self._points_of(asked)
             changed = corrected(self.photographs[number], pixels)
             photographs = [*self.photographs]
             photographs[number] = changed
@@ -112,7 +108,8 @@ class Correction:
             self.photographs = photographs
             return self.shown(number)
 
-    def _checked(self, asked: object) -> tuple[int, Floats]:
+    def _points_of(self, asked: object) -> tuple[int, Floats]:
+        """Return the number of a photograph and its points; refuse anything else."""
         wrong = PageError(HTTPStatus.BAD_REQUEST, "these are not points of a photograph")
         if not isinstance(asked, Mapping):
             raise wrong
@@ -212,9 +209,10 @@ class TraceRequest(BaseHTTPRequestHandler):
         correction = self.server.correction
         if way in _STATIC:
             name, kind = _STATIC[way]
-            return (files("bayesdeg.report") / "templates" / name).read_bytes(), kind
+            return (files("bayesdeg_camera") / "templates" / name).read_bytes(), kind
         if way == "photographs.json":
-            return json.dumps(correction.listed()).encode(), "application/json"
+            listed = [correction.shown(number) for number in range(len(correction.photographs))]
+            return json.dumps(listed).encode(), "application/json"
         folder, _, number = way.partition("/")
         known = map(str, range(len(correction.photographs)))
         if folder == "photograph" and number in known:
@@ -231,19 +229,16 @@ class TraceRequest(BaseHTTPRequestHandler):
             raise PageError(HTTPStatus.NOT_FOUND, "not found")
         if self.headers.get("Content-Type", "").partition(";")[0] != "application/json":
             raise PageError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "points must be sent as JSON")
-        try:
-            asked = parse_json(self._body())
-        except ValueError:
-            raise PageError(HTTPStatus.BAD_REQUEST, "not valid JSON") from None
-        return json.dumps(self.server.correction.save(asked)).encode(), "application/json"
-
-    def _body(self) -> bytes:
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal():
             raise PageError(HTTPStatus.LENGTH_REQUIRED, "the request has no content length")
         if len(length) > 9 or int(length) > LARGEST_BODY:
             raise PageError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too large for a line")
-        return self.rfile.read(int(length))
+        try:
+            asked = parse_json(self.rfile.read(int(length)))
+        except ValueError:
+            raise PageError(HTTPStatus.BAD_REQUEST, "not valid JSON") from None
+        return json.dumps(self.server.correction.save(asked)).encode(), "application/json"
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str) -> None:
         self.send_response(status)

@@ -1,0 +1,1 @@
+"""Photographs and motion capture of actuators, turned into lines of points: an optional extra."""
