@@ -682,11 +682,11 @@ def _published(study: Study, expected: Expected) -> Iterator[Doubt]:
 
 def _thick_layer(settings: Settings) -> Iterator[Doubt]:
     """Doubt paper or film on tetrahedra that is too thick to neglect its bending stiffness."""
-    mould, thickness = settings.dimensions, settings.paper_thickness_mm
+    mould, thickness = settings.dimensions, settings.paper.thickness
     if (
         not isinstance(mould, MeshDimensions)
         or mould.cells != "tetrahedra"
-        or not settings.constraint.is_membrane
+        or not settings.layer.is_membrane
         or thickness <= THICKEST_WITHOUT_BENDING
     ):
         return
@@ -796,11 +796,11 @@ def _layer_unit(settings: Settings, material: _Material) -> Iterator[Doubt]:
     The layer should stretch less than the body. Without a stated unit kPa is assumed; a layer then
     softer than the body may be meant in MPa.
     """
-    if not settings.constraint.is_slab:
+    if not settings.layer.is_slab:
         return
-    layer, value = settings.constraint.constants[0], settings.constraint_c1
+    layer, value = settings.layer.constants[0], settings.constraint.C1
     known, source = material.c1(np.zeros(1))
-    body, stated = float(known[0]), settings.constraint_unit
+    body, stated = float(known[0]), settings.constraint.unit
     softest = body / (LEAST_FACTOR if stated is None else IMPOSSIBLE_FACTOR)
     if not (layer < softest or layer > STIFFEST):
         return
@@ -872,7 +872,12 @@ def _bending(study: Study, material: _Material) -> list[Doubt]:
     found = found or [*_volumes(study, length)]
     mishaps = (*_duplicates(study.actuator), *_survivors(study.actuator))
     found += [] if study.line_points else _computed(study)
-    return [*still, *found, *_odd_actuators(curves), *(mishaps if study.settings.set_aside else ())]
+    return [
+        *still,
+        *found,
+        *_odd_actuators(curves),
+        *(mishaps if study.settings.suspects.set_aside else ()),
+    ]
 
 
 def _still(curves: list[_Curve], *, impossible: bool) -> Iterator[Doubt]:

@@ -438,7 +438,7 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
         wrong_settings += unmapped
     checked = {
         name: check_table(
-            read[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
+            read[table.file], table.schema, degradation_sd_pct=settings.noise.degradation_sd_pct
         )
         for name, table in tables.items()
         if table.file in contents
@@ -450,7 +450,7 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
         faults += _absent_modes(settings, checked["tensile"].frame)
     if not faults and "tensile" in checked:
         faults += _unloading(checked["tensile"].frame)
-    if not faults and settings.stretch_range is not None:
+    if not faults and settings.material.stretch_range is not None:
         faults += _empty_range(settings, checked.get("tensile"))
     if not faults and "shrinkage" in checked:
         faults += _too_light(settings, checked["shrinkage"].frame)
@@ -471,7 +471,7 @@ def with_part(
     if Path(stated.file).name != stated.file:
         problem = "is not a file next to study.toml"
         return settings, (Fault(SETTINGS_FILE, problem, "put the mesh there", *place),)
-    if settings.constraint.is_slab or settings.constraint_height_mm is not None:
+    if settings.layer.is_slab or settings.constraint.height is not None:
         problem = "sets the place or material of a layer, which the mesh defines"
         remedy = "for paper or film, name a flat boundary of the mesh constraint"
         return settings, (Fault(SETTINGS_FILE, problem, remedy, None, "constraint"),)
@@ -492,8 +492,8 @@ def with_part(
         path=str((folder / stated.file).resolve()),
         content=part.content,
     )
-    kind = settings.constraint_kind if "constraint" in part.sides else "none"
-    return replace(settings, dimensions=found, constraint_kind=kind), ()
+    kind = settings.constraint.kind if "constraint" in part.sides else "none"
+    return replace(settings, dimensions=found, constraint=replace(settings.constraint, kind=kind)), ()
 
 
 def _own_study(
@@ -512,11 +512,14 @@ def _own_study(
         problem = "is not used by a study with its own forward map"
         faults.append(Fault(name, problem, "remove it, or remove [forward] from study.toml"))
     if readings.FILE not in contents:
-        remedy = f"add it: a row per reading, with columns {forward.reading} and one for each input"
+        name = settings.reading.name
+        remedy = f"add it: a row per reading, with columns {name} and one for each input"
         raise StudyError([*faults, Fault(readings.FILE, "is missing", remedy)])
     content = contents[readings.FILE]
-    table, inputs, missing = readings.readings_table(content, forward)
-    checked = check_table(content, table.schema, degradation_sd_pct=settings.degradation_sd_pct)
+    table, inputs, missing = readings.readings_table(content, settings)
+    checked = check_table(
+        content, table.schema, degradation_sd_pct=settings.noise.degradation_sd_pct
+    )
     code, unreadable = _read_code(folder, forward.function.partition(":")[0])
     faults += [*missing, *checked.faults, *unreadable]
     if faults:
@@ -545,9 +548,9 @@ def _read_code(folder: Path, model: str) -> tuple[dict[str, bytes], list[Fault]]
 def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
     """Refuse modes without curves, as nothing would be fitted."""
     there = sorted(set(tensile["mode"]))
-    if set(settings.fit_modes) & set(there):
+    if set(settings.tensile.fit_modes) & set(there):
         return
-    asked = ", ".join(settings.fit_modes)
+    asked = ", ".join(settings.tensile.fit_modes)
     problem = "names no mode that has a curve in tensile.csv, so none would be fitted"
     remedy = f"name at least one of {', '.join(there)}, or leave the key out to fit all"
     yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
@@ -597,11 +600,11 @@ def _unloading(tensile: pd.DataFrame) -> Iterator[Fault]:
 
 def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[Fault]:
     """Refuse a stretch range that contains no reading of a fitted mode."""
-    place = (None, "material.stretch_range", str(list(settings.stretch_range or ())))
+    place = (None, "material.stretch_range", str(list(settings.material.stretch_range or ())))
     if tensile is None:
         yield Fault(SETTINGS_FILE, "has no effect without tensile.csv", "remove the key", *place)
         return
-    fitted = tensile.frame[tensile.frame["mode"].isin(settings.fit_modes)]
+    fitted = tensile.frame[tensile.frame["mode"].isin(settings.tensile.fit_modes)]
     if not in_range(settings, fitted).any():
         problem = "leaves no reading of tensile.csv to fit"
         low, high = fitted["stretch"].min(), fitted["stretch"].max()
@@ -612,13 +615,13 @@ def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[F
 
 def in_range(settings: Settings, tensile: pd.DataFrame) -> pd.Series:
     """Return which film readings lie in the stretch range."""
-    low, high = settings.stretch_range or (0.0, np.inf)
+    low, high = settings.material.stretch_range or (0.0, np.inf)
     return tensile["stretch"].between(low, high)
 
 
 def _too_light(settings: Settings, shrinkage: pd.DataFrame) -> Iterator[Fault]:
     """Refuse films that weigh less than the gelatin and glycerol poured."""
-    solids = settings.recipe.mixture.solids
+    solids = settings.shrinkage.mixture.solids
     share = shrinkage["mass_conditioned_g"] / shrinkage["mass_poured_g"]
     for row in shrinkage[share < solids].to_dict("records"):
         weight = float(row["mass_conditioned_g"])

@@ -126,7 +126,7 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
     table = study.tensile
     if table is None:
         return None
-    table = table[(table["mode"].isin(study.settings.fit_modes) == fitted) & ~undeformed(table)]
+    table = table[(table["mode"].isin(study.settings.tensile.fit_modes) == fitted) & ~undeformed(table)]
     if table.empty:
         return None
     # sorted by stretch, so that row order does not matter

@@ -161,7 +161,7 @@ def _wrong_study(study: Study) -> Iterator[Fault]:
     if not study.settings.is_default_mould:
         problem = "is available only for the default actuator, not for points on a different one"
         yield Fault(FILE, problem, "give bend angles of the end faces in actuator.csv")
-    if study.settings.operator == "base_tip" and study.settings.captures.plane is None:
+    if study.settings.reading.operator == "base_tip" and study.settings.captures.plane is None:
         problem = "is missing, so the direction of the base is unknown"
         remedy = (
             "give the axes along the clamped end and away from the paper, or a different operator"

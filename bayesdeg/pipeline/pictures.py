@@ -133,7 +133,7 @@ def lines_on(
     groups : mapping of str to array, shape (n_pictures,)
         The paper's group E t/(C1 s) by each model [mm].
     """
-    operator: Operator = study.settings.operator or "angle_over_arc"
+    operator: Operator = study.settings.reading.operator or "angle_over_arc"
     photos = study.table("photos")
     assert photos is not None
     frames = []
