@@ -4,7 +4,7 @@ import pandas as pd
 import pandera.pandas as pa
 
 from bayesdeg.data.cells import read_cells, read_number
-from bayesdeg.data.settings import ReadingOptions, Settings, UserForward
+from bayesdeg.data.settings import Settings
 from bayesdeg.data.tables import Table, number, text
 from bayesdeg.errors import Fault, use_one_of
 

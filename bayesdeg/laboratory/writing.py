@@ -10,8 +10,8 @@ from pydantic import Field
 
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
-from bayesdeg.data.settings import KEYS, MODELS, Known, Paper, Settings, VendorFigures
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
+from bayesdeg.data.settings import KEYS, MODELS, Known, Settings, VendorFigures
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VIRTUAL_TABLES, VirtualExperiment
 from bayesdeg.priors import LAWS, Distribution

@@ -247,7 +247,11 @@ def batches_of(study: Study) -> dict[str, str]:
 
 def _stiffening(study: Study, plan: Outline) -> float:
     """Return C3/C1 if C3 is not a parameter."""
-    return LEAST_STIFFENING if study.settings.material.law == "neo_hookean" and plan.needs_forward else 0.0
+    return (
+        LEAST_STIFFENING
+        if study.settings.material.law == "neo_hookean" and plan.needs_forward
+        else 0.0
+    )
 
 
 def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

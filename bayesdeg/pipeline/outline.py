@@ -166,7 +166,9 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         If a candidate does not exist.
     """
     found = observations_of(study)
-    nodes = nodes_for(_levels(one.material_levels for one in found) or [0.0], study.settings.material.order)
+    nodes = nodes_for(
+        _levels(one.material_levels for one in found) or [0.0], study.settings.material.order
+    )
     elongation_levels = _levels(one.elongation_levels for one in found)
     by_vendor = not elongation_levels and _vendor_elongation(study, found)
     if by_vendor:
@@ -380,7 +382,7 @@ def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) ->
 
     A mesh does not mark walls or exposed faces.
     """
-    if study.settings.kind != "mesh" or cause.on_inputs is None or not actuators:
+    if study.geometry.kind != "mesh" or cause.on_inputs is None or not actuators:
         return None
     one, conditions = np.ones((1, 1, 1)), actuators[0].curves.conditions
     plain = Inputs(conditions.pressure * one, one, 0.0 * one, one, one, one)

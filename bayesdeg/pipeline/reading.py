@@ -44,7 +44,7 @@ def read_study(folder: Path | str, progress: Progress | None = None) -> Study:
     study = folders.read_study(folder, TABLES)
     _refuse_options_of_nothing(study)
     if study.table("captures") is None and study.table("photos") is None:
-        return with_lines(study)
+        return study if study.table("markers") is None else with_lines(study)
     # these import scipy's splines and OpenCV, which no other study needs
     if study.table("captures") is not None:
         reader = importlib.import_module("bayesdeg.pipeline.captured").with_captures

@@ -30,8 +30,7 @@ from bayesdeg.criticism.fit.search import FALSE_NAME_RATE
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
-from bayesdeg.data.study import Study
-from bayesdeg.data.unused import Unused
+from bayesdeg.data.study import Study, Unused
 from bayesdeg.inference.model import Refusals
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.specimens import FilmsAndActuators

@@ -10,8 +10,7 @@ import pytest
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.settings import SuspectOptions
-from bayesdeg.data.study import read_study
-from bayesdeg.data.unused import Why
+from bayesdeg.data.study import Why, read_study
 from bayesdeg.inference.model import least_squares
 from bayesdeg.pipeline import reach
 from bayesdeg.pipeline.aside import is_set_aside, set_aside, unused_rows
