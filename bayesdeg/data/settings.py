@@ -871,13 +871,13 @@ TABLES = (
     *("photographs", "markers", "captures"),
 )
 """Tables of study.toml."""
-MODELS: Mapping[str, type[Any]] = {
+MODELS: Mapping[str, Any] = {
     one.name: one.type for one in fields(Settings) if is_dataclass(one.type)
 } | {"forward": UserForward}
 """Models of the tables, but for the actuator, priors and parameters."""
 
 
-def _keys(model: type[Any]) -> dict[str, str]:
+def _keys(model: Any) -> dict[str, str]:
     return {
         one.metadata.get("key", one.name): one.metadata["accepts"]
         for one in fields(model)
@@ -996,15 +996,12 @@ def _as_written(value: object) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
+_DEFINED: dict[str, Any] = {name: (accepted, None) for name, (accepted, _) in _ACTUATOR.items()}
 _ACTUATOR_FILE: TypeAdapter[Any] = TypeAdapter(
     create_model(
         "ActuatorFile",
         actuator=(
-            create_model(
-                "Actuator",
-                __config__=ConfigDict(extra="forbid"),
-                **{name: (accepted, None) for name, (accepted, _) in _ACTUATOR.items()},
-            ),
+            create_model("Actuator", __config__=ConfigDict(extra="forbid"), **_DEFINED),
             ...,
         ),
     )
@@ -1136,8 +1133,8 @@ def _suggestion(table: str, key: str) -> str:
 
 def _wrong_value(table: str, key: str, value: object, source: _Source) -> Fault:
     remedy = f"give {KEYS[table][key]}"
-    words = {"effort": EFFORTS, "law": MATERIAL_LAWS}.get(key, ())
-    best = nearest(value, words) if isinstance(value, str) else None
+    words: Mapping[str, tuple[str, ...]] = {"effort": EFFORTS, "law": MATERIAL_LAWS}
+    best = nearest(value, words.get(key, ())) if isinstance(value, str) else None
     if isinstance(value, dict):
         if table == "actuator" and _ACTUATOR[key][0] is _Size:
             try:

@@ -167,9 +167,13 @@ def settings_text(settings: Settings) -> str:
     """
     laws = {one.name: _plain_law(one.law) for one in settings.uncertain}
     mould = settings.dimensions
-    family = {"kind": mould.kind} if mould.kind != Settings().dimensions.kind else {}
+    family: dict[str, object] = (
+        {"kind": mould.kind} if mould.kind != Settings().dimensions.kind else {}
+    )
     sizes = family | _stated(mould, KEYS["actuator"]) | laws
-    tables = {"actuator": {key: sizes[key] for key in KEYS["actuator"] if key in sizes}}
+    tables: dict[str, Mapping[str, object]] = {
+        "actuator": {key: sizes[key] for key in KEYS["actuator"] if key in sizes}
+    }
     for table in KEYS:
         if table in MODELS and table not in NOT_SIMULATED:
             tables[table] = _stated(getattr(settings, table), KEYS[table])
