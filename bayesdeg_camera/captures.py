@@ -132,7 +132,7 @@ def with_captures(study: Study, progress: Progress) -> Study:
     table, options = study.table("captures"), study.settings.captures
     assert table is not None
     faults = contradictions(study, FILE, "recordings")
-    if study.settings.operator == "base_tip" and options.plane is None:
+    if study.settings.reading.operator == "base_tip" and options.plane is None:
         problem = "is missing, so the direction of the base is unknown"
         remedy = (
             "give the axes along the clamped end and away from the paper, or a different operator"

@@ -120,7 +120,7 @@ def lines_of(study: Study, readings: pd.DataFrame | None, fits: Mapping[str, Fit
     fits : mapping of str to Fit
         The fit of each model.
     """
-    operator: Operator = study.settings.operator or "angle_over_arc"
+    operator: Operator = study.settings.reading.operator or "angle_over_arc"
     photos, pictures = study.table("photos"), pictures_of(study)
     assert photos is not None
     groups = {model: paper_groups(fit, pictures) for model, fit in fits.items()}

@@ -125,7 +125,7 @@ def make(name: str) -> None:
     def forward(inputs: Inputs) -> Prediction:
         return exact(replace(inputs, pressure=np.maximum(inputs.pressure - OFFSET, 0.0)))
 
-    truth = replace(SILICONE, paper_thickness=design.settings.paper_thickness_mm)
+    truth = replace(SILICONE, paper_thickness=design.settings.paper.thickness)
     experiment = run_experiment(
         design_of(design), truth, forward=forward, generator=np.random.default_rng(SEED)
     )

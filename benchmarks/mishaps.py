@@ -39,6 +39,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdeg.criticism.checks.suspects import parts_of
 from bayesdeg.data.plausibility import doubts
+from bayesdeg.data.settings import SuspectOptions
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import JointModel, near_films
@@ -197,7 +198,7 @@ def judged(
 
 def screening(study: Study) -> Study:
     """Return a study that asks to be looked through."""
-    return replace(study, settings=replace(study.settings, set_aside=True))
+    return replace(study, settings=replace(study.settings, suspects=SuspectOptions(set_aside=True)))
 
 
 def _short(one: Exclusion) -> list[object]:

@@ -42,7 +42,7 @@ from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import FINE, build_mesh
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.causes.catalogue import find
-from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.settings import Dimensions, ReadingOptions, Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect, drawn_truth
 from bayesdeg.laboratory.writing import Provenance
@@ -202,7 +202,7 @@ def judged(number: int, operator: str, design: str, *, seed: int, forward: Forwa
         title=f"read otherwise {number}",
         seed=number,
         priors=made.priors,
-        operator="angle_over_arc",
+        reading=ReadingOptions("angle_over_arc"),
     )
     start = time.perf_counter()
     with TemporaryDirectory() as place, threadpool_limits(limits=1):

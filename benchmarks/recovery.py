@@ -23,7 +23,7 @@ from fine_library import shipped_library
 
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.data.settings import Settings
+from bayesdeg.data.settings import SamplingOptions, Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design, run_experiment
 from bayesdeg.laboratory.truth import drawn_truth
@@ -61,7 +61,7 @@ def one(seed: int) -> Recovered:
         if experiment.tables["actuator"]["ruptured"].sum() == 0:
             break
     with tempfile.TemporaryDirectory() as folder:
-        settings = Settings(title=f"recovery {seed}", effort="quick")
+        settings = Settings(title=f"recovery {seed}", sampling=SamplingOptions("quick"))
         provenance = Provenance("benchmarks/recovery.py", seed, vars(FINE))
         texts = study_files(experiment, settings, provenance=provenance)
         for name, text in texts.items():

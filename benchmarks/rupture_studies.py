@@ -30,7 +30,7 @@ from rupture_fields import LARGEST, SKIN, Field, field_of, path_of, solved, worl
 
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import FINE
-from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.settings import Dimensions, Noise, RuptureOptions, Settings
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import (
     Bent,
@@ -49,7 +49,7 @@ from bayesdeg.priors import LogNormal
 Floats = NDArray[np.float64]
 
 CRITERION: Final = "weakest_link"
-FILM_VOLUME = Settings().film_volume_mm3
+FILM_VOLUME = Settings().rupture.film_volume
 SPREAD = 0.4  # standard deviation of ln length of flaws
 MARGIN, MARGIN_FLAWED = (-0.35, 0.25), (0.25, 0.7)
 OWN_MARGIN = 0.08
@@ -335,8 +335,8 @@ def settings_of(seed: int) -> Settings:
     """Return what ``study.toml`` says."""
     return Settings(
         seed=seed,
-        rupture_criterion=CRITERION,
-        degradation_sd_pct=0.5,
+        rupture=RuptureOptions(CRITERION),
+        noise=Noise(0.5),
         priors={"paper_stiffness": LogNormal(3e4, 0.4)},
     )
 
@@ -380,8 +380,8 @@ GELATIN_SETTINGS = Settings(
     "never opens.",
     virtual=True,
     seed=SEED,
-    rupture_criterion=CRITERION,
-    degradation_sd_pct=0.5,
+    rupture=RuptureOptions(CRITERION),
+    noise=Noise(0.5),
 )
 
 

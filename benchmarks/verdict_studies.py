@@ -23,7 +23,7 @@ from hidden_studies import OUTSIDE, TRIES, complete, write_folder
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.causes.catalogue import find
-from bayesdeg.data.settings import Settings
+from bayesdeg.data.settings import CauseOptions, Settings
 from bayesdeg.laboratory.experiment import LEVELS, Design, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Truth, drawn_truth
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
@@ -178,7 +178,7 @@ def write(study: TimedStudy, name: str, folder: Path, *, forward: ForwardMap, se
     else:
         raise RuntimeError(f"{name}: no material stays in range in {TRIES} draws")
     provenance = Provenance(f"benchmarks/verdict_studies.py {name}", seed, vars(FINE))
-    settings = Settings(title=name, candidates=study.causes)
+    settings = Settings(title=name, causes=CauseOptions(study.causes))
     write_folder(experiment, settings, folder, provenance=provenance)
     return truth
 

@@ -25,17 +25,7 @@ import bayesdeg
 import bayesdeg.causes
 from bayesdeg.cli import app
 from bayesdeg.commands.interface import COMMANDS
-from bayesdeg.data.foreign import ForeignTable
-from bayesdeg.data.settings import (
-    ENTRIES,
-    MOULDS,
-    CaptureOptions,
-    PhotographOptions,
-    Settings,
-    UserForward,
-    VendorFigures,
-)
-from bayesdeg.data.shrinkage import Known, MixtureRecipe
+from bayesdeg.data.settings import KEYS, MODELS, MOULDS, Known, Settings
 from bayesdeg.data.tables import words_of
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.experiment import Design, run_experiment
@@ -161,50 +151,47 @@ def rules_of_studies() -> dict[str, list[str]]:
 
 def keys_of_study_toml() -> list[Entry]:
     """Return every key of ``study.toml`` with its default, from the classes that hold them."""
-    meanings = _documented(MixtureRecipe) | _documented(Settings) | _documented(VendorFigures)
-    meanings |= {f"own_{name}": text for name, text in _documented(UserForward).items()}
-    of_photographs = _documented(PhotographOptions)
-    meanings |= {f"markers_{name}": text for name, text in _documented(ForeignTable).items()}
-    meanings |= {f"photographs_{name}": text for name, text in of_photographs.items()}
-    meanings |= {f"captures_{name}": text for name, text in _documented(CaptureOptions).items()}
-    # "reading, unit" share a line there
-    meanings |= {
-        "own_unit": "Unit of the reading.",
-        "kind": "Family of the actuator, which has the dimensions.",
-        "constraint_thickness_mm": "The same as `thickness` of `[paper]`, in its place.",
-    }
-    defaults = {f.name: f.default for owner in (MixtureRecipe, Settings) for f in fields(owner)}
-    defaults |= {f"own_{f.name}": f.default for f in fields(UserForward)}
-    defaults |= {"kind": Settings().kind, "constraint_height_mm": MISSING}
-    defaults |= {"constraint_unit": "kPa"}
-    defaults |= {"stretch_range": MISSING, "source": VendorFigures().source}
     rows = []
-    for entry in ENTRIES:
-        if entry.table == "actuator" and entry.key != "kind":
-            continue
-        default = _written(defaults.get(entry.field, MISSING))
-        meaning = meanings[entry.field]
-        rows.append(Entry(entry.key, "", meaning, entry.table, default, accepts=entry.wanted))
-        if entry.key == "kind" and entry.table == "actuator":
+    for table, keys in KEYS.items():
+        if table == "actuator":
+            family = "Family of the actuator, which has the dimensions."
+            rows.append(Entry("kind", "", family, table, '"pneunet"', accepts=keys["kind"]))
             rows += [row for kind, mould in MOULDS.items() for row in _dimensions(kind, mould)]
+            continue
+        model = MODELS.get(table, Settings)
+        meanings = _documented(model)
+        stored = {one.metadata.get("key", one.name): one for one in fields(model)}
+        for key, accepts in keys.items():
+            meaning, default = meanings[stored[key].name], _default(stored[key])
+            if key == "candidates":
+                default = '"all"'
+            rows.append(Entry(key, "", meaning, table, default, accepts=accepts))
     return rows
 
 
 def _dimensions(kind: str, mould) -> list[Entry]:
     """Return the dimensions of one family, in a table of their own."""
     meanings, place = _documented(mould), f"actuator.{kind}"
-    wanted = {e.key: e.wanted for e in ENTRIES if e.table == "actuator"}
     return [
-        Entry(f.name, "", meanings[f.name], place, _written(f.default), accepts=wanted[f.name])
+        Entry(
+            f.name,
+            "",
+            meanings[f.name],
+            place,
+            _default(f),
+            accepts=KEYS["actuator"][f.name],
+        )
         for f in fields(mould)
         if not f.metadata
     ]
 
 
+def _default(key) -> str:
+    """Return the default of a key as TOML writes it; empty if it has none."""
+    return "" if key.default in (None, MISSING, ()) else _written(key.default)
+
+
 def _written(value) -> str:
-    """Return a default as TOML writes it."""
-    if value is None or value is MISSING:
-        return '"all"' if value is None else ""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):

@@ -148,7 +148,7 @@ def geometry_of_study(settings: Settings) -> Moulded:
     >>> geometry_of_study(Settings()).dimensions.kind
     'pneunet'
     """
-    geometry = geometry_of(settings.dimensions, settings.constraint)
+    geometry = geometry_of(settings.dimensions, settings.layer)
     for one in settings.uncertain:
         for end in (one.low, one.high):
             if not is_movable(geometry, with_dimensions(geometry, {one.name: end})):

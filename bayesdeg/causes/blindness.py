@@ -75,7 +75,7 @@ def without_membrane(study: Study) -> str | None:
     >>> from pathlib import Path
     >>> without_membrane(Study("gelatin", Path("gelatin")))
     """
-    layer = study.settings.constraint
+    layer = study.settings.layer
     if layer.is_membrane:
         return None
     what = "an elastomer layer" if layer.is_slab else "no constraint layer"

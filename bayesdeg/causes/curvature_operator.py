@@ -65,9 +65,9 @@ def unstated(study: Study) -> str | None:
     settings = study.settings
     if study.line_points is not None:
         return "the bottom line is recorded as points, which are read as the model's are"
-    if settings.operator is None:
+    if settings.reading.operator is None:
         return "study.toml does not state [reading] operator"
-    if settings.operator != "angle_over_arc":
+    if settings.reading.operator != "angle_over_arc":
         return "it concerns only curvatures declared as angle_over_arc"
     return None if settings.is_default_mould else "it is available for the default actuator only"
 

@@ -72,7 +72,7 @@ def _shrinkage(study: Study) -> Iterator[str]:
     """Return the volume ratio of the films as used, and by Eqs 15 and 16."""
     if study.shrinkage is None:
         return
-    masses, recipe = film_masses(study.shrinkage), study.settings.recipe
+    masses, recipe = film_masses(study.shrinkage), study.settings.shrinkage
     used, printed = mean_over_films(masses, recipe)[0], mean_as_printed(masses, recipe)
     yield (
         f"volume ratio α of {used.count} film{'s' if used.count > 1 else ''}: "
@@ -137,7 +137,7 @@ def _said(one: UncertainDimension) -> str:
 
 def _say_how_read(study: Study) -> None:
     """Say with which operator curvatures are read, and from what."""
-    operator = study.settings.operator
+    operator = study.settings.reading.operator
     if study.line_points is not None and study.actuator is not None:
         output().print(
             f"{len(study.actuator)} lines: curvature and bend angle are read from "

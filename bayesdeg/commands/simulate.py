@@ -90,7 +90,7 @@ def _truth(template: Study, generator: np.random.Generator | None) -> Truth:
     """Return the true specimens; with a random source, draw material and dimensions."""
     truth = Truth() if generator is None else drawn_truth(generator)
     sizes = _sizes(template, generator)
-    thickness = template.settings.paper_thickness_mm
+    thickness = template.settings.paper.thickness
     truth = replace(truth, paper_thickness=thickness, dimensions=sizes)
     if template.degrades:
         return truth
@@ -114,7 +114,7 @@ def _copy_mesh(template: Study, out: Path) -> None:
 
 def _as_stated(template: Study, forward: ExactMap) -> ForwardMap:
     """Return the curvature map for the reading operator of a study."""
-    return as_read(forward, template.settings.operator, template.settings.reading_points)
+    return as_read(forward, template.settings.reading.operator, template.settings.reading.points)
 
 
 def _volume_ratio(template: Study) -> float:

@@ -3,16 +3,26 @@
 import csv
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated, Literal
+
+from annotated_types import Interval, Len
+from pydantic import AfterValidator, ConfigDict, Strict
+from pydantic.dataclasses import dataclass
 
 from bayesdeg.errors import Fault, use_one_of
 
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "\t": "\t", "space": " "}
 _POINT, _OF_A_LINE = "point", ("specimen_id", "pressure_kPa")
-DECIMALS = (".", ",")
 
 
-@dataclass(frozen=True)
+def _of_other_names(columns: dict[str, str]) -> dict[str, str]:
+    if not columns or len(set(columns.values())) < len(columns) or not all(columns.values()):
+        raise ValueError("duplicate or empty column name")
+    return columns
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class ForeignTable:
     """Format of a table exported by a different program.
 
@@ -30,11 +40,21 @@ class ForeignTable:
         Columns of the contract that the file lacks, with their value in every row.
     """
 
-    columns: Mapping[str, str] = field(default_factory=dict)
-    delimiter: str = ","
-    decimal: str = "."
-    skip: int = 0
-    constants: Mapping[str, str | float] = field(default_factory=dict)
+    columns: Annotated[Mapping[str, str], AfterValidator(_of_other_names)] = field(
+        default_factory=dict,
+        metadata={"accepts": 'a table of names, { x_mm = "X", y_mm = "Y" }'},
+    )
+    constants: Annotated[Mapping[str, Annotated[float, Strict()] | str], Len(1)] = field(
+        default_factory=dict,
+        metadata={"accepts": "a table of values, { scale_mm_per_px = 0.001 }"},
+    )
+    delimiter: Literal[",", ";", "tab", "\t", "space"] = field(
+        default=",", metadata={"accepts": 'one of ",", ";", "tab", "space"'}
+    )
+    decimal: Literal[".", ","] = field(default=".", metadata={"accepts": 'one of "." or ","'})
+    skip: Annotated[int, Strict(), Interval(ge=0, le=100)] = field(
+        default=0, metadata={"accepts": "a whole number from 0 to 100"}
+    )
 
 
 def translated(

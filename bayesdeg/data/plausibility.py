@@ -1,5 +1,8 @@
 r"""Check readings for plausibility: wrong units and signs, and deviating single specimens.
 
+Each check is a row of a table: the file and column that it looks at, what it says, and the function
+that looks; limits are the constants below.
+
 A wrong unit multiplies a column by 4 to a million, while every effect known to the package changes
 it by tens of percent, at most twofold. So columns are compared with each other, with the priors and
 with other specimens by medians of log ratios. What no soft actuator can do is a fault; what is
@@ -8,16 +11,17 @@ merely unlikely is a warning, which is repeated with the verdict.
 
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.data.families import MeshDimensions, Mould
-from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import Study
 from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import Fault, StudyError
@@ -186,18 +190,24 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
     """
     # absurd numbers overflow; their ratios are not compared
     with np.errstate(all="ignore"):
-        of_films = _tension(study, expected)
-        trusted = None if of_films else study.tensile
-        films = _in_likely_unit(study, expected) if of_films else film_moduli(trusted)
-        material = _Material(expected, films[films["c1"] > 0.0])
-        found = [*of_films, *_elongation(study.breaks, trusted, expected)]
-        found += [*_published(study, expected), *_rates(study), *_thick_layer(study.settings)]
-        found += _layer_unit(study.settings, material)
+        evidence = _Evidence(study, expected)
+        found = _made(OF_FILMS, evidence)
+        evidence = replace(evidence, are_films_doubtful=bool(found))
+        found += _made(OF_STUDY, evidence)
+        if evidence.bent:
+            found += _made(OF_BENDING, evidence)
         if study.actuator is not None:
-            found += _bending(study, material)
-            found += _conditions(study.actuator)
+            found += _made(OF_CONDITIONS, evidence)
         found += names_alike(study)
-    return tuple(_where_it_stands(doubt, study) for doubt in found)
+    if study.line_points is None:
+        return tuple(found)
+    # readings of lines come from points
+    return tuple(
+        replace(one, fault=replace(one.fault, file=study.lines_file))
+        if one.fault.file == "actuator.csv"
+        else one
+        for one in found
+    )
 
 
 def times_stiffer(study: Study, expected: Expected) -> float:
@@ -214,46 +224,21 @@ def times_stiffer(study: Study, expected: Expected) -> float:
         Expectations from priors of a different material, none stated for this one.
     """
     with np.errstate(all="ignore"):
-        c1 = _known_c1(study)
+        c1 = film_moduli(study.tensile)[["rate", "c1"]]
+        if study.summary is not None:
+            rows = study.summary[study.summary["quantity"] == "young_modulus"]
+            moduli = {"rate": rows["degradation_pct"].fillna(0.0), "c1": rows["value"] / 6.0}
+            c1 = pd.DataFrame({k: [*c1[k], *moduli[k]] for k in moduli}, dtype=float)
+        c1 = c1[c1["c1"] > 0.0]
         log_factor, impossible = _off_prior(
             np.log(c1["c1"].to_numpy(float)), c1["rate"].to_numpy(float), expected.c1
         )
         if impossible is None or not SOFTEST <= c1["c1"].median() <= STIFFEST:
             return 1.0
-        if _off_bending(study, expected, c1.iloc[:0]) < _off_bending(study, expected, c1):
+        evidence = _Evidence(study, expected)
+        if evidence.off_bending(c1.iloc[:0]) < evidence.off_bending(c1):
             return 1.0
     return _factor(log_factor)
-
-
-def _off_bending(study: Study, expected: Expected, films: pd.DataFrame) -> float:
-    """Return how far bending deviates from that expected with C1 of films or priors; 0 if not read.
-
-    Absolute value of ln of the factor.
-    """
-    curves = [] if study.actuator is None else _curves(study.actuator)
-    if not curves:
-        return 0.0
-    mould = study.settings.dimensions
-    length = 1e-3 * mould.length * expected.linear_scale
-    material = _Material(expected, films)
-    return abs(float(np.median(_log_bending(curves, material, bending_of_beam(mould), length))))
-
-
-def _known_c1(study: Study) -> pd.DataFrame:
-    """Return C1 [MPa] with its degradation rate [%]: from films and published moduli."""
-    found = film_moduli(study.tensile)[["rate", "c1"]]
-    if study.summary is not None:
-        rows = study.summary[study.summary["quantity"] == "young_modulus"]
-        moduli = {"rate": rows["degradation_pct"].fillna(0.0), "c1": rows["value"] / 6.0}
-        found = pd.DataFrame({k: [*found[k], *moduli[k]] for k in moduli}, dtype=float)
-    return found[found["c1"] > 0.0]
-
-
-def _where_it_stands(doubt: Doubt, study: Study) -> Doubt:
-    """Point out that readings of lines come from points."""
-    if study.line_points is None or doubt.fault.file != "actuator.csv":
-        return doubt
-    return replace(doubt, fault=replace(doubt.fault, file=study.lines_file))
 
 
 def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
@@ -399,16 +384,202 @@ def _likely(factor: float, units: Units, tolerance: float, *, otherwise: str = O
     return f"likely in {unit}{', or with a slipped decimal point' if slipped else ''}"
 
 
-def _and_others(count: int, total: int) -> str:
-    return f" (as in {count - 1} of the other {total - 1} specimens)" if count > 1 else ""
+# ---- evidence
 
 
-def _told(wrong: Sequence[Fault], total: int) -> list[Fault]:
-    """Return one common fault if at least half of the specimens have it, else each."""
-    if len(wrong) < 2 or 2 * len(wrong) < total:
-        return list(wrong)
-    first = wrong[0]
-    return [replace(first, problem=first.problem + _and_others(len(wrong), total))]
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """First loading of an actuator, by pressure; bend angles are nan where none was read."""
+
+    name: str
+    rate: float
+    pressure: Floats
+    curvature: Floats
+    angle: Floats
+
+    @property
+    def end(self) -> float:
+        """Curvature at the largest pressure [1/m]."""
+        return float(self.curvature[-1])
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """What the checks look at."""
+
+    study: Study
+    expected: Expected
+    are_films_doubtful: bool = False
+
+    @cached_property
+    def films(self) -> pd.DataFrame:
+        """C1 of films, where positive."""
+        found = film_moduli(self.study.tensile)
+        return found[found["c1"] > 0.0]
+
+    @cached_property
+    def trusted(self) -> pd.DataFrame:
+        """Films whose C1 is trusted; doubtful ones are converted from the likeliest unit.
+
+        Of several units the one that agrees with the actuators' bending. No films where no unit
+        explains them: C1 is then taken from the priors.
+        """
+        if not self.are_films_doubtful:
+            return self.films
+        logs, rates = _logs_and_rates(self.films, "c1")
+        log_factor, impossible = _off_prior(logs, rates, self.expected.c1)
+        units = [] if impossible is None else _stress_units(self.films, log_factor)
+        tried = [self.films.assign(c1=self.films["c1"] / STRESS_UNITS[unit]) for unit in units]
+        return min(tried, key=self.off_bending, default=self.films.iloc[:0])
+
+    def c1(self, rates: Floats, films: pd.DataFrame | None = None) -> tuple[Floats, str]:
+        """Return C1 [MPa] and its source: reliable films, else the priors; nan where unknown."""
+        films = self.trusted if films is None else films
+        if not len(films):
+            return np.exp(_prior_at(self.expected.c1, rates)[0]), "the prior"
+        levels = np.log(films["c1"]).groupby(films["rate"]).median()
+        at = levels.index.to_numpy(float)
+        return np.exp(np.interp(rates, at, levels.to_numpy(float))), "the films"
+
+    def off_bending(self, films: pd.DataFrame) -> float:
+        """Return |ln| of bending over that expected with C1 of films or priors; 0 if not read."""
+        return abs(float(np.median(self.log_bending(self.curves, films)))) if self.curves else 0.0
+
+    def log_bending(self, curves: list[_Curve], films: pd.DataFrame | None = None) -> Floats:
+        """Return ln of each actuator's bending over that expected from C1 and the dimensions."""
+        pressure = np.array([curve.pressure[-1] for curve in curves])
+        turned = np.array([max(curve.end * self.length, SMALLEST_ANGLE) for curve in curves])
+        load = 1e-3 * pressure / self.c1(np.array([curve.rate for curve in curves]), films)[0]
+        with np.errstate(divide="ignore"):
+            return np.log(turned / (self.beam * load))
+
+    @cached_property
+    def curves(self) -> list[_Curve]:
+        """Curves of specimens that have readings under pressure."""
+        return [] if self.study.actuator is None else _curves(self.study.actuator)
+
+    @cached_property
+    def bent(self) -> list[_Curve]:
+        """Curves of actuators that bent at all, or that have a single reading."""
+        return [c for c in self.curves if len(c.curvature) == 1 or c.curvature.any()]
+
+    @property
+    def actuator(self) -> pd.DataFrame:
+        """Rows of actuators."""
+        assert self.study.actuator is not None
+        return self.study.actuator
+
+    @property
+    def length(self) -> float:
+        """Length of the part [m]."""
+        return 1e-3 * self.study.settings.dimensions.length * self.expected.linear_scale
+
+    @property
+    def beam(self) -> float:
+        """Expected bend angle over p/C1 [rad]."""
+        return bending_of_beam(self.study.settings.dimensions)
+
+    @cached_property
+    def largest(self) -> float:
+        """Largest curvature of all actuators [1/m]."""
+        return max(float(np.abs(curve.curvature).max()) for curve in self.bent)
+
+
+def _logs_and_rates(table: pd.DataFrame, column: str) -> tuple[Floats, Floats]:
+    return np.log(table[column].to_numpy(float)), table["rate"].to_numpy(float)
+
+
+def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows before any creep, softening or set."""
+    first = actuator.groupby("specimen_id")["cycle"].transform("min")
+    return actuator[(actuator["cycle"] == first) & (actuator["branch"] == "loading")]
+
+
+def _curves(actuator: pd.DataFrame) -> list[_Curve]:
+    """Return the curves of specimens that have readings under pressure."""
+    found = []
+    for name, rows in _first_loading(actuator).groupby("specimen_id", sort=False):
+        read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
+        read = read.sort_values("pressure_kPa", kind="stable")
+        if len(read):
+            columns = ("pressure_kPa", "curvature_per_m", "bend_angle_deg")
+            arrays = (read[column].to_numpy(np.float64) for column in columns)
+            found.append(_Curve(str(name), float(read["degradation_pct"].iloc[0]), *arrays))
+    return found
+
+
+def bending_of_beam(mould: Mould) -> float:
+    """Return the approximate bend angle over p/C1 of an actuator of these dimensions [rad].
+
+    The angle of a beam of its section (`Mould.beam_bending`), times `BULGING`, or
+    `BULGING_WITHOUT_SLOTS`. The angle does not depend on the scale of the part.
+
+    Examples
+    --------
+    >>> from bayesdeg.data.settings import Dimensions
+    >>> round(bending_of_beam(Dimensions()), 2)
+    1.29
+    """
+    has_slots = not isinstance(mould, Dimensions) or mould.gap > 0.0
+    return (BULGING if has_slots else BULGING_WITHOUT_SLOTS) * mould.beam_bending
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where a check found something: specimen, value, and the words of its sentence."""
+
+    specimen: object
+    value: float
+    words: Mapping[str, object] = field(default_factory=dict)
+    impossible: bool = True
+    is_alone: bool = False
+    among: int = 0  # specimens that may share it: it is then said once
+    column: str = ""  # in place of the check's
+
+
+@dataclass(frozen=True)
+class _Check:
+    """A row of the table of checks.
+
+    ``unless`` names the checks after whose findings this one would repeat them.
+    """
+
+    name: str
+    file: str
+    column: str
+    look: Callable[[_Evidence], Iterable[_Found]]
+    problem: str
+    remedy: str
+    unless: tuple[str, ...] = ()
+
+
+def _made(checks: Iterable[_Check], evidence: _Evidence) -> list[Doubt]:
+    """Make checks in turn; say once what at least half of the specimens share."""
+    found: dict[str, list[Doubt]] = {}
+    for check in checks:
+        if any(found.get(name) for name in check.unless):
+            continue
+        seen = [*check.look(evidence)]
+        count = len(seen)
+        shared = count > 1 and 2 * count >= seen[0].among > 0
+        said = f" (as in {count - 1} of the other {seen[0].among - 1} specimens)" if shared else ""
+        found[check.name] = [
+            Doubt(
+                Fault(
+                    check.file,
+                    check.problem.format(**one.words) + said,
+                    check.remedy.format(**one.words),
+                    None,
+                    one.column or check.column,
+                    f"{one.value:g}",
+                    None if one.specimen is None else str(one.specimen),
+                ),
+                one.impossible,
+                one.is_alone,
+            )
+            for one in (seen[:1] if shared else seen)
+        ]
+    return [doubt for doubts in found.values() for doubt in doubts]
 
 
 # ---- films
@@ -460,84 +631,38 @@ def _neo_hookean(rows: pd.DataFrame) -> pd.Series:
     return 2.0 * (stretch - stretch**-power) * cauchy
 
 
-def _tension(study: Study, expected: Expected) -> list[Doubt]:
-    if study.tensile is None:
-        return []
-    found = [*_stretches(study.tensile)] or [*_signs(study.tensile)]
-    if found:  # moduli would repeat it
-        return found
-    films = film_moduli(study.tensile)
-    films = films[films["c1"] > 0.0]
-    return [*_moduli(films, expected), *_odd_films(films)]
-
-
-def _stretches(tensile: pd.DataFrame) -> Iterator[Doubt]:
-    largest = tensile.groupby("specimen_id", sort=False)["stretch"].max()
-    wrong = largest[largest > HIGHEST_STRETCH]
-    if wrong.empty:
+def _too_stretched(evidence: _Evidence) -> Iterator[_Found]:
+    tensile = evidence.study.tensile
+    if tensile is None:
         return
+    stretch = tensile.groupby("specimen_id", sort=False)["stretch"]
+    largest = stretch.max()
     # stretch in percent begins at 100, strain in percent near 0
-    smallest = float(tensile.groupby("specimen_id")["stretch"].min().median())
-    likely, remedy = (
-        ("stretch in percent", "divide by 100")
-        if smallest >= 100.0 * (1.0 - LEAST_STRAIN)
-        else ("strain in percent", "divide by 100 and add 1")
-    )
-    problem = f"is beyond any gel or rubber (stretch up to {HIGHEST_STRETCH:g}); likely "
-    faults = [
-        _fault(
-            "tensile.csv", name, "stretch", value, problem + likely, f"{remedy}; 1 is unstrained"
-        )
-        for name, value in wrong.items()
-    ]
-    yield from _all(_told(faults, len(largest)), impossible=True)
+    in_percent = float(stretch.min().median()) >= 100.0 * (1.0 - LEAST_STRAIN)
+    words = {
+        "likely": "stretch in percent" if in_percent else "strain in percent",
+        "do": "divide by 100" if in_percent else "divide by 100 and add 1",
+    }
+    for name, value in largest[largest > HIGHEST_STRETCH].items():
+        yield _Found(name, value, words, among=len(largest))
 
 
-def _signs(tensile: pd.DataFrame) -> Iterator[Doubt]:
+def _wrong_signs(evidence: _Evidence, *, as_strain: bool) -> Iterator[_Found]:
+    """Yield films under tension that shrink, or the reverse; strain is likely if all shrink."""
+    tensile = evidence.study.tensile
+    if tensile is None:
+        return
     stretch, stress = tensile["stretch"], tensile["stress_MPa"]
     largest = stress.abs().groupby(tensile["specimen_id"]).transform("max")
     clear = (np.abs(stretch - 1.0) > LEAST_STRAIN) & (stress.abs() > LEAST_STRESS * largest)
     wrong = tensile[clear & (np.sign(stress) != np.sign(stretch - 1.0))]
-    if wrong.empty:
+    if bool((wrong["stretch"] < 1.0).all()) is not as_strain:
         return
-    as_strain = bool((wrong["stretch"] < 1.0).all())
-    first = wrong.drop_duplicates("specimen_id")
-    faults = [_wrong_sign(row, as_strain=as_strain) for _, row in first.iterrows()]
-    yield from _all(_told(faults, tensile["specimen_id"].nunique()), impossible=True)
-
-
-def _wrong_sign(row: "pd.Series[float]", *, as_strain: bool) -> Fault:
-    stretch, stress = float(row["stretch"]), float(row["stress_MPa"])
-    if as_strain:
-        column, value = "stretch", stretch
-        problem = f"is compression, but the stress in the same row is tensile ({stress:g} MPa)"
-        remedy = "likely strain instead of stretch: add 1, so that 1 is undeformed"
-    else:
-        column, value = "stress_MPa", stress
-        problem = f"has the wrong sign at a stretch of {stretch:g}"
-        remedy = "give tension as positive; some testing machines record it as negative"
-    return _fault("tensile.csv", row["specimen_id"], column, value, problem, remedy)
-
-
-def _moduli(films: pd.DataFrame, expected: Expected) -> Iterator[Doubt]:
-    rates, c1 = films["rate"].to_numpy(float), films["c1"].to_numpy(float)
-    log_factor, impossible = _off_prior(np.log(c1), rates, expected.c1)
-    if impossible is None:
-        return
-    middle = int(np.argmin(np.abs(np.log(c1 / np.median(c1)))))
-    prior = np.exp(_prior_at(expected.c1, rates[[middle]])[0][0])
-    factor = _factor(log_factor)
-    units = _stress_units(films, log_factor)
-    guess = f"likely in {' or '.join(units)}" if units else OTHER_UNIT
-    impossible = impossible or not SOFTEST <= np.median(c1) <= STIFFEST
-    rate = " at this degradation rate" if rates.any() else ""
-    problem = (
-        f"gives C1 = {c1[middle]:.3g} MPa at small strain, which is {_times(factor)} "
-        f"the prior median ({prior:.3g} MPa{rate}); {guess}"
-    )
-    remedy = "give MPa; if the stress is right, set the prior of c1_at_… in study.toml"
-    name, stress = str(films.index[middle]), float(films["stress"].iloc[middle])
-    yield Doubt(_fault("tensile.csv", name, "stress_MPa", stress, problem, remedy), impossible)
+    for row in wrong.drop_duplicates("specimen_id").to_dict("records"):
+        words = {"stretch": float(row["stretch"]), "stress": float(row["stress_MPa"])}
+        value = words["stretch" if as_strain else "stress"]
+        among = tensile["specimen_id"].nunique()
+        yield _Found(row["specimen_id"], value, words, among=among)
 
 
 def _stress_units(films: pd.DataFrame, log_factor: float) -> list[str]:
@@ -553,173 +678,143 @@ def _stress_units(films: pd.DataFrame, log_factor: float) -> list[str]:
     return found
 
 
-def _in_likely_unit(study: Study, expected: Expected) -> pd.DataFrame:
-    """Return doubtful films converted from the likeliest unit of their stress.
-
-    Of several units the one that agrees with the actuators' bending. No films where no unit
-    explains them: C1 is then taken from the priors.
-    """
-    films = film_moduli(study.tensile)
-    films = films[films["c1"] > 0.0]
-    logs, rates = np.log(films["c1"].to_numpy(float)), films["rate"].to_numpy(float)
-    log_factor, impossible = _off_prior(logs, rates, expected.c1)
-    units = [] if impossible is None else _stress_units(films, log_factor)
-    tried = [films.assign(c1=films["c1"] / STRESS_UNITS[unit]) for unit in units]
-    return min(tried, key=lambda one: _off_bending(study, expected, one), default=films.iloc[:0])
-
-
-def _odd_films(films: pd.DataFrame) -> Iterator[Doubt]:
-    logs = np.log(films["c1"].to_numpy(float))
-    values = films["stress"].to_numpy(float)
-    place = ("tensile.csv", "stress_MPa", "stiffness of the film")
-    yield from _odd_ones(films, logs, values, place, STRESS_UNITS, "give MPa")
+def _moduli(evidence: _Evidence) -> Iterator[_Found]:
+    films, laws = evidence.films, evidence.expected.c1
+    logs, rates = _logs_and_rates(films, "c1")
+    log_factor, impossible = _off_prior(logs, rates, laws)
+    if impossible is None:
+        return
+    c1 = films["c1"].to_numpy(float)
+    middle = int(np.argmin(np.abs(np.log(c1 / np.median(c1)))))
+    units = _stress_units(films, log_factor)
+    words = {
+        "c1": c1[middle],
+        "times": _times(_factor(log_factor)),
+        "prior": np.exp(_prior_at(laws, rates[[middle]])[0][0]),
+        "rate": " at this degradation rate" if rates.any() else "",
+        "guess": f"likely in {' or '.join(units)}" if units else OTHER_UNIT,
+    }
+    impossible = impossible or not SOFTEST <= np.median(c1) <= STIFFEST
+    yield _Found(films.index[middle], float(films["stress"].iloc[middle]), words, impossible)
 
 
-def _odd_ones(
-    table: pd.DataFrame,
-    logs: Floats,
-    values: Floats,
-    place: tuple[str, str, str],
-    units: Units,
-    remedy: str,
-) -> Iterator[Doubt]:
-    """Doubt each specimen that is far off its neighbours; ``place`` names file and column.
-
-    The third entry of ``place`` words the compared quantity.
-    """
-    file, column, what = place
+def _odd_ones(table: pd.DataFrame, logs: Floats, values: Floats, units: Units) -> Iterator[_Found]:
+    """Yield each specimen that is far off its neighbours."""
     off = _off(table["rate"].to_numpy(float), lambda part: logs[part, None] - logs[part])
     wrong = np.flatnonzero(off)
-    if len(table) == 2:  # either may be wrong
-        wrong = wrong[:1]
-    names = [str(name) for name in table.index]
-    for i in wrong:
+    slip = "likely a different unit, a slipped decimal point or a different material"
+    for i in wrong[:1] if len(table) == 2 else wrong:  # of two either may be wrong
         factor = _factor(off[i])
-        slip = "likely a different unit, a slipped decimal point or a different material"
-        guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
-        problem = f"makes the {what} {_times(factor)} that of the specimens nearest in D_R; {guess}"
-        said = f"{remedy}; compare with the test record, or leave the specimen out"
+        words = {
+            "times": _times(factor),
+            "guess": _likely(factor, units, NEAR_UNIT, otherwise=slip),
+        }
         impossible = bool(abs(off[i]) >= np.log(IMPOSSIBLE_FACTOR))
-        yield Doubt(_fault(file, names[i], column, values[i], problem, said), impossible)
+        yield _Found(table.index[i], values[i], words, impossible)
 
 
-def _elongation(
-    breaks: pd.DataFrame | None, tensile: pd.DataFrame | None, expected: Expected
-) -> Iterator[Doubt]:
+def _odd_films(evidence: _Evidence) -> Iterator[_Found]:
+    films = evidence.films
+    yield from _odd_ones(
+        films, _logs_and_rates(films, "c1")[0], films["stress"].to_numpy(float), STRESS_UNITS
+    )
+
+
+def _elongations(evidence: _Evidence) -> pd.DataFrame:
+    """Return the elongation at break of each film, with its degradation rate."""
+    breaks = evidence.study.breaks
     if breaks is None:
+        return pd.DataFrame({"rate": [], "value": []}, dtype=float)
+    names = {"degradation_pct": "rate", "elongation_pct": "value"}
+    return breaks.set_index("specimen_id").rename(columns=names)[["rate", "value"]]
+
+
+def _below_films(evidence: _Evidence) -> Iterator[_Found]:
+    """Doubt elongations at break that are below the stretch of films of that rate."""
+    table = _elongations(evidence)
+    tensile = None if evidence.are_films_doubtful else evidence.study.tensile
+    if tensile is None or table.empty:
         return
-    table = breaks.set_index("specimen_id")[["degradation_pct", "elongation_pct"]]
-    table.columns = pd.Index(["rate", "value"])
-    values = table["value"].to_numpy(float)
-    yield from _all_elongations(table, tensile, expected)
-    place = ("break.csv", "elongation_pct", "elongation at break")
-    yield from _odd_ones(table, np.log(values), values, place, PERCENT_UNITS, "give percent")
-
-
-def _all_elongations(
-    table: pd.DataFrame, tensile: pd.DataFrame | None, expected: Expected
-) -> Iterator[Doubt]:
-    """Doubt elongations that are below the films' stretch, or far off their prior."""
     values, rates = table["value"].to_numpy(float), table["rate"].to_numpy(float)
-    place = ("break.csv", str(table.index[0]), "elongation_pct", float(values[0]))
-    remedy = "give 100 (stretch at break − 1), 210 for a film that breaks at 3.1 times its length"
-    stretched = _stretched(tensile, rates)
-    beyond = 0.0 if stretched is None else float(np.nanmedian(np.log(values / stretched)))
-    log_factor, impossible = _off_prior(np.log(values), rates, expected.elongation)
-    if stretched is not None and beyond < -np.log(LEAST_FACTOR):
-        films = "films of that degradation rate" if rates.any() else "films"
-        problem = (
-            f"is, like the others, far below the elongation that {films} reached in "
-            f"tensile.csv (1/{_short(_factor(-beyond))} of that); likely a fraction or a stretch "
-            "instead of percent"
-        )
-        yield Doubt(_fault(*place, problem, remedy), True)
-    elif impossible is not None:
-        factor = _factor(log_factor)
-        guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
-        problem = f"is, like the others, {_times(factor)} the prior median; {guess}"
-        yield Doubt(_fault(*place, problem, remedy), impossible)
-
-
-def _stretched(tensile: pd.DataFrame | None, rates: Floats) -> Floats | None:
-    """Return the elongation reached by films of these degradation rates [%]; None if none was."""
-    if tensile is None:
-        return None
     films = tensile.groupby("specimen_id").agg({"degradation_pct": "first", "stretch": "max"})
     distance = np.abs(films["degradation_pct"].to_numpy(float) - rates[:, None])
     largest = np.where(distance <= 1.0, films["stretch"].to_numpy(float), -np.inf).max(axis=1)
     strain = 100.0 * (np.where(np.isfinite(largest), largest, np.nan) - 1.0)
     strain = np.where(strain > 0.0, strain, np.nan)
-    return None if np.isnan(strain).all() else strain
-
-
-def _published(study: Study, expected: Expected) -> Iterator[Doubt]:
-    if study.summary is None:
+    if np.isnan(strain).all():
         return
-    known = {
-        "young_modulus": (6.0, expected.c1, STRESS_UNITS, "MPa"),
-        "elongation_at_break": (1.0, expected.elongation, PERCENT_UNITS, "percent"),
-    }
-    for quantity, (share, laws, units, unit) in known.items():
-        rows = study.summary[study.summary["quantity"] == quantity]
-        values = rows["value"].to_numpy(float)
-        rates = rows["degradation_pct"].fillna(0.0).to_numpy(float)
-        if not len(values):
-            continue
-        log_factor, impossible = _off_prior(np.log(values / share), rates, laws)
-        if impossible is not None:
-            factor = _factor(log_factor)
-            guess = _likely(factor, units, NEAR_UNIT_OF_PRIOR)
-            problem = f"({quantity}) is {_times(factor)} the prior median; {guess}"
-            remedy = f"give {unit}, or set the prior in study.toml"
-            yield Doubt(
-                _fault("summary.csv", None, "value", values[0], problem, remedy), impossible
-            )
+    beyond = float(np.nanmedian(np.log(values / strain)))
+    if beyond < -np.log(LEAST_FACTOR):
+        words = {
+            "films": "films of that degradation rate" if rates.any() else "films",
+            "share": _short(_factor(-beyond)),
+        }
+        yield _Found(table.index[0], values[0], words)
 
 
-# ---- the actuator
-
-
-def _thick_layer(settings: Settings) -> Iterator[Doubt]:
-    """Doubt paper or film on tetrahedra that is too thick to neglect its bending stiffness."""
-    mould, thickness = settings.dimensions, settings.paper_thickness_mm
-    if (
-        not isinstance(mould, MeshDimensions)
-        or mould.cells != "tetrahedra"
-        or not settings.constraint.is_membrane
-        or thickness <= THICKEST_WITHOUT_BENDING
-    ):
-        return
-    problem = (
-        "is the thickness of a layer modelled without bending stiffness on tetrahedra: curvatures "
-        f"will be about {BENDING_LEFT_OUT * thickness**2:.2g} % too large"
+def _elongations_off_prior(evidence: _Evidence) -> Iterator[_Found]:
+    table = _elongations(evidence)
+    log_factor, impossible = _off_prior(
+        *_logs_and_rates(table, "value"), evidence.expected.elongation
     )
-    remedy = "mesh the part with hexahedra, or add this to mesh_error"
-    yield Doubt(_fault("study.toml", None, "thickness", thickness, problem, remedy), False)
+    if impossible is not None:
+        factor = _factor(log_factor)
+        guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
+        words = {"times": _times(factor), "guess": guess}
+        yield _Found(table.index[0], table["value"].iloc[0], words, impossible)
 
 
-# ---- degradation rates
+def _odd_elongations(evidence: _Evidence) -> Iterator[_Found]:
+    table = _elongations(evidence)
+    values = table["value"].to_numpy(float)
+    yield from _odd_ones(table, np.log(values), values, PERCENT_UNITS)
 
 
-def _rates(study: Study) -> Iterator[Doubt]:
+def _published(evidence: _Evidence, quantity: str) -> Iterator[_Found]:
+    summary, expected = evidence.study.summary, evidence.expected
+    if summary is None:
+        return
+    per, laws, units = {
+        "young_modulus": (6.0, expected.c1, STRESS_UNITS),
+        "elongation_at_break": (1.0, expected.elongation, PERCENT_UNITS),
+    }[quantity]
+    rows = summary[summary["quantity"] == quantity]
+    values = rows["value"].to_numpy(float)
+    rates = rows["degradation_pct"].fillna(0.0).to_numpy(float)
+    log_factor, impossible = _off_prior(np.log(values / per), rates, laws)
+    if impossible is not None:
+        factor = _factor(log_factor)
+        guess = _likely(factor, units, NEAR_UNIT_OF_PRIOR)
+        words = {"times": _times(factor), "guess": guess}
+        yield _Found(None, values[0], words, impossible)
+
+
+# ---- degradation rates and the layer
+
+
+def _as_fraction(
+    evidence: _Evidence, response: Callable[[_Evidence], pd.DataFrame]
+) -> Iterator[_Found]:
     """Doubt rates that are all below 1 % although responses change as over tens of percent."""
-    for file, table in _responses(study):
-        rates = table["rate"].to_numpy(float)
-        if len(table) < 3 or not 0.02 <= np.ptp(rates) <= 1.0 or np.abs(rates).max() > 1.0:
-            continue
-        steep = steepness(rates, np.log(table["value"].to_numpy(float)))
-        if abs(steep) < TOO_STEEP or abs(steep) * np.ptp(rates) < np.log(1.5):
-            continue
-        factor = _factor(abs(steep) * np.ptp(rates))
-        problem = (
-            f"is the largest degradation rate, yet {table.attrs['what']} changes "
-            f"{_times(factor)} over {np.ptp(rates):.2g} points; likely a fraction instead of "
-            "percent"
-        )
-        remedy = "give percent: 25, not 0.25"
+    table = response(evidence)
+    table = table[table["value"] > 0.0]
+    rates = table["rate"].to_numpy(float)
+    if len(table) < 3 or not 0.02 <= np.ptp(rates) <= 1.0 or np.abs(rates).max() > 1.0:
+        return
+    change = abs(steepness(rates, np.log(table["value"].to_numpy(float))))
+    if change >= TOO_STEEP and change * np.ptp(rates) >= np.log(1.5):
+        words = {"times": _times(_factor(change * np.ptp(rates))), "points": np.ptp(rates)}
         at = int(np.argmax(rates))
-        fault = _fault(file, str(table.index[at]), "degradation_pct", rates[at], problem, remedy)
-        yield Doubt(fault, True)
+        yield _Found(table.index[at], rates[at], words)
+
+
+def _stiffness(evidence: _Evidence) -> pd.DataFrame:
+    return film_moduli(evidence.study.tensile).rename(columns={"c1": "value"})
+
+
+def _bending_per_pressure(evidence: _Evidence) -> pd.DataFrame:
+    rows = [(c.name, c.rate, c.curvature[-1] / c.pressure[-1]) for c in evidence.curves]
+    return pd.DataFrame(rows, columns=["specimen", "rate", "value"]).set_index("specimen")
 
 
 def steepness(rates: Floats, logs: Floats) -> float:
@@ -740,210 +835,102 @@ def steepness(rates: Floats, logs: Floats) -> float:
     return float(np.median((logs[first] - logs[second]) / (rates[first] - rates[second])))
 
 
-def _responses(study: Study) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield each file's response to degradation: rate and a positive value by specimen."""
-    films = film_moduli(study.tensile).rename(columns={"c1": "value"})
-    films.attrs["what"] = "the stiffness of the films"
-    yield "tensile.csv", films[films["value"] > 0.0]
-    if study.breaks is not None:
-        names = {"degradation_pct": "rate", "elongation_pct": "value"}
-        broken = study.breaks.set_index("specimen_id").rename(columns=names)
-        broken.attrs["what"] = "the elongation at break"
-        yield "break.csv", broken
-    if study.actuator is not None:
-        curves = _curves(study.actuator)
-        bent = pd.DataFrame(
-            [(c.name, c.rate, c.curvature[-1] / c.pressure[-1]) for c in curves],
-            columns=["specimen", "rate", "value"],
-        ).set_index("specimen")
-        bent.attrs["what"] = "the curvature"
-        yield "actuator.csv", bent[bent["value"] > 0.0]
+def _thick_layer(evidence: _Evidence) -> Iterator[_Found]:
+    """Doubt paper or film on tetrahedra that is too thick to neglect its bending stiffness."""
+    settings = evidence.study.settings
+    mould, thickness = settings.dimensions, settings.paper.thickness
+    on_tetrahedra = isinstance(mould, MeshDimensions) and mould.cells == "tetrahedra"
+    if on_tetrahedra and settings.layer.is_membrane and thickness > THICKEST_WITHOUT_BENDING:
+        yield _Found(None, thickness, {"excess": BENDING_LEFT_OUT * thickness**2}, impossible=False)
 
 
-# ---- actuators
-
-
-@dataclass(frozen=True)
-class _Curve:
-    """First loading of an actuator, by pressure; bend angles are nan where none was read."""
-
-    name: str
-    rate: float
-    pressure: Floats
-    curvature: Floats
-    angle: Floats
-
-
-@dataclass(frozen=True)
-class _Material:
-    """C1 by degradation rate: from the films where they are reliable, else from the priors."""
-
-    expected: Expected
-    films: pd.DataFrame
-
-    def c1(self, rates: Floats) -> tuple[Floats, str]:
-        """Return C1 [MPa], nan where unknown, and its source."""
-        if not len(self.films):
-            return np.exp(_prior_at(self.expected.c1, rates)[0]), "the prior"
-        levels = np.log(self.films["c1"]).groupby(self.films["rate"]).median()
-        at = levels.index.to_numpy(float)
-        return np.exp(np.interp(rates, at, levels.to_numpy(float))), "the films"
-
-
-def _layer_unit(settings: Settings, material: _Material) -> Iterator[Doubt]:
+def _layer_unit(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt constants of an elastomer layer far softer than the body, or than any elastomer.
 
     The layer should stretch less than the body. Without a stated unit kPa is assumed; a layer then
     softer than the body may be meant in MPa.
     """
-    if not settings.constraint.is_slab:
+    settings = evidence.study.settings
+    if not settings.layer.is_slab:
         return
-    layer, value = settings.constraint.constants[0], settings.constraint_c1
-    known, source = material.c1(np.zeros(1))
-    body, stated = float(known[0]), settings.constraint_unit
+    layer, value = settings.layer.constants[0], settings.constraint.C1 or 0.0
+    known, source = evidence.c1(np.zeros(1))
+    body, stated = float(known[0]), settings.constraint.unit
     softest = body / (LEAST_FACTOR if stated is None else IMPOSSIBLE_FACTOR)
     if not (layer < softest or layer > STIFFEST):
         return
-    in_mpa = (
-        f"; {value:g} MPa would be {_times(value / body)} that"
-        if stated is None and layer < softest
-        else ""
-    )
-    problem = (
-        f"is {value:g} {stated or 'kPa, the default unit'}: {_times(layer / body)} the C1 of the "
-        f"body ({1e3 * body:.3g} kPa from {source}){in_mpa}"
-    )
-    remedy = 'write unit = "MPa" or unit = "kPa" in [constraint]; it applies to C1, C2 and C3'
+    meant = stated is None and layer < softest
+    words = {
+        "c1": value,
+        "unit": stated or "kPa, the default unit",
+        "times": _times(layer / body),
+        "body": 1e3 * body,
+        "source": source,
+        "in_mpa": f"; {value:g} MPa would be {_times(value / body)} that" if meant else "",
+    }
     refused = stated is None and (layer * MEANT_IN_MPA < body or layer > STIFFEST)
-    yield Doubt(_fault("study.toml", None, "constraint.C1", value, problem, remedy), refused)
+    yield _Found(None, value, words, refused)
 
 
-def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows before any creep, softening or set."""
-    first = actuator.groupby("specimen_id")["cycle"].transform("min")
-    return actuator[(actuator["cycle"] == first) & (actuator["branch"] == "loading")]
+# ---- bending of actuators
 
 
-def _curves(actuator: pd.DataFrame) -> list[_Curve]:
-    """Return the curves of specimens that have readings under pressure."""
-    found = []
-    for name, rows in _first_loading(actuator).groupby("specimen_id", sort=False):
-        read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
-        read = read.sort_values("pressure_kPa", kind="stable")
-        if len(read):
-            columns = ("pressure_kPa", "curvature_per_m", "bend_angle_deg")
-            arrays = (read[column].to_numpy(np.float64) for column in columns)
-            found.append(_Curve(str(name), float(read["degradation_pct"].iloc[0]), *arrays))
-    return found
-
-
-def bending_of_beam(mould: Mould) -> float:
-    """Return the approximate bend angle over p/C1 of an actuator of these dimensions [rad].
-
-    The angle of a beam of its section (`Mould.beam_bending`), times `BULGING`, or
-    `BULGING_WITHOUT_SLOTS`. The angle does not depend on the scale of the part.
-
-    Examples
-    --------
-    >>> from bayesdeg.data.settings import Dimensions
-    >>> round(bending_of_beam(Dimensions()), 2)
-    1.29
-    """
-    has_slots = not isinstance(mould, Dimensions) or mould.gap > 0.0
-    return (BULGING if has_slots else BULGING_WITHOUT_SLOTS) * mould.beam_bending
-
-
-def _bending(study: Study, material: _Material) -> list[Doubt]:
-    assert study.actuator is not None
-    curves = _curves(study.actuator)
-    if not curves:
-        return []
-    dead = [c for c in curves if len(c.curvature) > 1 and not c.curvature.any()]
-    curves = [c for c in curves if c not in dead]
-    still = [*_still(dead, impossible=not curves)]
-    if not curves:
-        return still
-    beam, length = bending_of_beam(study.settings.dimensions), study.settings.dimensions.length
-    length = 1e-3 * length * material.expected.linear_scale  # m, of the part
-    against = [*_directions(curves)] or [*_angles(curves, material, beam, length)]
-    if against:
-        return [*still, *against]
-    found = [*_wound(curves, length)] or [*_compliance(curves, material, beam, length)]
-    found = found or [*_volumes(study, length)]
-    mishaps = (*_duplicates(study.actuator), *_survivors(study.actuator))
-    found += [] if study.line_points else _computed(study)
-    return [*still, *found, *_odd_actuators(curves), *(mishaps if study.settings.set_aside else ())]
-
-
-def _still(curves: list[_Curve], *, impossible: bool) -> Iterator[Doubt]:
+def _still(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt actuators that did not bend at all."""
-    for curve in curves:
-        problem = f"is 0 at every pressure up to {curve.pressure[-1]:g} kPa"
-        remedy = "check the tubing and the reading, or leave the specimen out"
-        fault = _fault("actuator.csv", curve.name, "curvature_per_m", 0.0, problem, remedy)
-        yield Doubt(fault, impossible, is_alone=not impossible)
+    for curve in evidence.curves:
+        if curve not in evidence.bent:
+            words = {"pressure": curve.pressure[-1]}
+            yield _Found(curve.name, 0.0, words, not evidence.bent, is_alone=bool(evidence.bent))
 
 
-def _directions(curves: list[_Curve]) -> Iterator[Doubt]:
-    largest = max(float(np.abs(curve.curvature).max()) for curve in curves)
-    remedy = "give bending towards the paper, the direction under pressure, as positive"
-    backwards, against = [], []
-    for curve in curves:
-        end, angle = float(curve.curvature[-1]), float(curve.angle[-1])
-        if end < -LARGEST_SHARE_AT_REST * largest:
-            problem = f"is negative at the largest pressure ({curve.pressure[-1]:g} kPa)"
-            place = ("actuator.csv", curve.name, "curvature_per_m", end)
-            backwards.append(_fault(*place, problem, remedy))
-        elif end > max(LARGEST_SHARE_AT_REST * largest, CURVATURE_ERROR) and angle < -ANGLE_ERROR:
-            problem = f"has the opposite sign of the curvature in the same row ({end:g} 1/m)"
-            place = ("actuator.csv", curve.name, "bend_angle_deg", angle)
-            against.append(_fault(*place, problem, remedy))
-    yield from _all(_told(backwards, len(curves)), impossible=True)
-    yield from _all(_told(against, len(curves)), impossible=True)
+def _backwards(evidence: _Evidence) -> Iterator[_Found]:
+    for curve in evidence.bent:
+        if curve.end < -LARGEST_SHARE_AT_REST * evidence.largest:
+            words, among = {"pressure": curve.pressure[-1]}, len(evidence.bent)
+            yield _Found(curve.name, curve.end, words, among=among)
 
 
-def _angles(
-    curves: list[_Curve], material: _Material, beam: float, length: float
-) -> Iterator[Doubt]:
-    """Doubt specimens whose bend angle is not curvature times length."""
-    faults = []
-    for curve in curves:
-        turned = DEGREE * curve.angle
-        wide = np.abs(curve.curvature) >= 0.5 * np.abs(curve.curvature).max()
-        wide &= (np.abs(curve.curvature) >= CLEAR * CURVATURE_ERROR) | (
-            np.abs(curve.angle) >= CLEAR * ANGLE_ERROR
-        )
+def _opposite_angles(evidence: _Evidence) -> Iterator[_Found]:
+    for curve in evidence.bent:
+        angle = float(curve.angle[-1])
+        least = max(LARGEST_SHARE_AT_REST * evidence.largest, CURVATURE_ERROR)
+        if curve.end > least and angle < -ANGLE_ERROR:
+            words = {"curvature": curve.end}
+            yield _Found(curve.name, angle, words, among=len(evidence.bent))
+
+
+def _angles(evidence: _Evidence) -> Iterator[_Found]:
+    """Doubt curvature or bend angle, whichever contradicts the pressure, where they disagree."""
+    length = evidence.length
+    for curve in evidence.bent:
+        turned, size = DEGREE * curve.angle, np.abs(curve.curvature)
+        wide = size >= 0.5 * size.max()
+        wide &= (size >= CLEAR * CURVATURE_ERROR) | (np.abs(curve.angle) >= CLEAR * ANGLE_ERROR)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.abs(turned / (curve.curvature * length))[wide]
         ratio = ratio[np.isfinite(ratio) & (ratio > 0.0)]
         off = float(np.median(np.log(ratio))) if len(ratio) else 0.0
-        if abs(off) > np.log(LEAST_FACTOR_OF_ANGLE):
-            c1 = material.c1(np.array([curve.rate]))[0][0]
-            faults.append(_wrong_angle(curve, _factor(off), beam / (1e3 * c1), length))
-    yield from _all(_told(faults, len(curves)), impossible=True)
-
-
-def _wrong_angle(curve: _Curve, factor: float, per_pressure: float, length: float) -> Fault:
-    """Say that angle and curvature disagree, and which of them contradicts the pressure."""
-    likely = per_pressure * float(curve.pressure[-1])
-    by_curvature = float(curve.curvature[-1]) * length
-    by_angle = DEGREE * float(curve.angle[-1])
-    remedy = f"and check the length in study.toml (arc length {1e3 * length:.3g} mm)"
-    if abs(_log(by_curvature) - _log(likely)) > abs(_log(by_angle) - _log(likely)):
-        guess = _likely(1.0 / factor, CURVATURE_UNITS, NEAR_UNIT)
-        problem = (
-            f"is {_times(1.0 / factor)} the value from the bend angle in the same row "
-            f"({by_angle / length:.3g} 1/m); {guess}"
-        )
-        place = ("curvature_per_m", float(curve.curvature[-1]))
-        return _fault("actuator.csv", curve.name, *place, problem, f"give 1/m, {remedy}")
-    guess = _likely(factor, ANGLE_UNITS, NEAR_UNIT)
-    problem = (
-        f"is {_times(factor)} the value from the curvature in the same row "
-        f"({by_curvature / DEGREE:.3g}°); {guess}"
-    )
-    place = ("bend_angle_deg", float(curve.angle[-1]))
-    return _fault("actuator.csv", curve.name, *place, problem, f"give degrees, {remedy}")
+        if not abs(off) > np.log(LEAST_FACTOR_OF_ANGLE):
+            continue
+        factor, c1 = _factor(off), evidence.c1(np.array([curve.rate]))[0][0]
+        likely = _log(evidence.beam / (1e3 * c1) * float(curve.pressure[-1]))
+        angle, by_curvature = float(curve.angle[-1]), curve.end * length
+        if abs(_log(by_curvature) - likely) > abs(_log(DEGREE * angle) - likely):
+            column, value, unit, units = "curvature_per_m", curve.end, "1/m", CURVATURE_UNITS
+            factor, source = 1.0 / factor, "bend angle"
+            other = f"{DEGREE * angle / length:.3g} 1/m"
+        else:
+            column, value, unit, units = "bend_angle_deg", angle, "degrees", ANGLE_UNITS
+            source, other = "curvature", f"{by_curvature / DEGREE:.3g}°"
+        words = {
+            "times": _times(factor),
+            "source": source,
+            "other": other,
+            "guess": _likely(factor, units, NEAR_UNIT),
+            "unit": unit,
+            "length": 1e3 * length,
+        }
+        yield _Found(curve.name, value, words, among=len(evidence.bent), column=column)
 
 
 def computed_angles(actuator: pd.DataFrame) -> NDArray[np.bool_]:
@@ -1015,10 +1002,11 @@ def _half_digit(values: pd.Series) -> pd.Series:
     return last.clip(lower=0.5 * 10.0**-decimals).clip(lower=ROUNDING * size)
 
 
-def _computed(study: Study) -> Iterator[Doubt]:
+def _computed(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt angles that were computed from curvatures, or curvatures from angles."""
-    assert study.actuator is not None
-    actuator = study.actuator.reset_index(drop=True)
+    if evidence.study.line_points:
+        return
+    actuator = evidence.actuator.reset_index(drop=True)
     rows = computed_angles(actuator)
     if not rows.any():
         return
@@ -1026,23 +1014,20 @@ def _computed(study: Study) -> Iterator[Doubt]:
     of_all = _is_one_length(each)
     lengths = each.groupby(["all"] * len(each) if of_all else actuator["specimen_id"][rows])
     middle = 500.0 * (lengths["least"].max() + lengths["most"].min())  # mm
-    low, high, stated = middle.min(), middle.max(), study.settings.dimensions.length
+    low, high, stated = middle.min(), middle.max(), evidence.study.settings.dimensions.length
     one = high - low <= SAME_LENGTH * high
-    which = f"{middle.median():.1f} mm" if one else f"{low:.1f} to {high:.1f} mm, by specimen"
     same = one and abs(middle.median() - stated) <= SAME_LENGTH * stated
-    says = "as in study.toml" if same else f"but study.toml has {stated:g} mm"
     angle = actuator["bend_angle_deg"]
-    problem = (
-        f"equals curvature_per_m times a length, to the last digit, on {int(rows.sum())} of "
-        f"{int(angle.notna().sum())} rows with an angle ({which}, {says}): one was computed "
-        "from the other, so the angle adds no information and only the curvature is used"
-    )
-    remedy = "give angles that were read, or leave them out"
-    if not same:
-        remedy += "; check the length used in the computation"
-    yield Doubt(
-        _fault("actuator.csv", None, "bend_angle_deg", angle[rows].iloc[-1], problem, remedy), False
-    )
+    words = {
+        "rows": int(rows.sum()),
+        "all": int(angle.notna().sum()),
+        "length": f"{middle.median():.1f} mm"
+        if one
+        else f"{low:.1f} to {high:.1f} mm, by specimen",
+        "says": "as in study.toml" if same else f"but study.toml has {stated:g} mm",
+        "do": "" if same else "; check the length used in the computation",
+    }
+    yield _Found(None, angle[rows].iloc[-1], words, impossible=False)
 
 
 def _log(value: float) -> float:
@@ -1050,138 +1035,114 @@ def _log(value: float) -> float:
     return float(np.log(max(abs(value), TINY)))
 
 
-def _wound(curves: list[_Curve], length: float) -> Iterator[Doubt]:
-    faults = []
-    for curve in curves:
-        turning = float(np.abs(curve.curvature).max()) * length
+def _wound(evidence: _Evidence) -> Iterator[_Found]:
+    for curve in evidence.bent:
+        size = np.abs(curve.curvature)
+        turning = float(size.max()) * evidence.length
         if turning > MOST_TURNING:
-            problem = (
-                f"winds the actuator into {turning / (2.0 * np.pi):.3g} turns over its length of "
-                f"{1e3 * length:.3g} mm; likely in °/m, or the length in study.toml is not in mm"
-            )
-            value = float(curve.curvature[np.argmax(np.abs(curve.curvature))])
-            place = ("actuator.csv", curve.name, "curvature_per_m", value)
-            faults.append(_fault(*place, problem, "give 1/m, in radians over metres"))
-    yield from _all(_told(faults, len(curves)), impossible=True)
+            words = {"turns": turning / (2.0 * np.pi), "length": 1e3 * evidence.length}
+            value = float(curve.curvature[np.argmax(size)])
+            yield _Found(curve.name, value, words, among=len(evidence.bent))
 
 
-def _log_bending(curves: list[_Curve], material: _Material, beam: float, length: float) -> Floats:
-    """Return ln of each actuator's bending over that expected from C1 and the dimensions."""
-    pressure = np.array([curve.pressure[-1] for curve in curves])
-    turned = np.array([max(curve.curvature[-1] * length, SMALLEST_ANGLE) for curve in curves])
-    load = 1e-3 * pressure / material.c1(np.array([curve.rate for curve in curves]))[0]
-    with np.errstate(divide="ignore"):
-        return np.log(turned / (beam * load))
-
-
-def _compliance(
-    curves: list[_Curve], material: _Material, beam: float, length: float
-) -> Iterator[Doubt]:
+def _compliance(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt pressure or curvature of all actuators, given C1 and the dimensions."""
-    off = _log_bending(curves, material, beam, length)
+    curves = evidence.bent
+    off = evidence.log_bending(curves)
     log_factor = float(np.median(off))
     if not abs(log_factor) > np.log(LEAST_FACTOR):  # nan where C1 is unknown
         return
-    at = int(np.argsort(off)[len(off) // 2])
-    c1, source = material.c1(np.array([curves[at].rate]))
-    compared = f"{source} ({c1[0]:.3g} MPa at {curves[at].rate:g} %)"
-    ratios = (_factor(log_factor), float(1e-3 * curves[at].pressure[-1] / c1[0]))
-    fault = _stiff_or_soft(curves[at], ratios, compared, length)
-    yield Doubt(fault, bool(abs(log_factor) >= np.log(IMPOSSIBLE_BENDING)))
-
-
-def _stiff_or_soft(
-    curve: _Curve, ratios: tuple[float, float], compared: str, length: float
-) -> Fault:
-    """Say that bending does not match pressure; ``ratios`` are bending over expected, and p/C1."""
-    factor, load = ratios
-    turned = float(curve.curvature[-1]) * length
+    curve = curves[int(np.argsort(off)[len(off) // 2])]
+    c1, source = evidence.c1(np.array([curve.rate]))
+    factor, load = _factor(log_factor), float(1e-3 * curve.pressure[-1] / c1[0])
+    turned = curve.end * evidence.length
     by_pressure = _likely(1.0 / factor, PRESSURE_UNITS, NEAR_UNIT_OF_PRIOR, otherwise="")
     by_curvature = _likely(factor, CURVATURE_UNITS, NEAR_UNIT_OF_PRIOR, otherwise="")
     # values in their usual range are right: p/C1 of 0.02 to 5, bending of some degrees to a turn
     pressure_odd, curvature_odd = not 0.02 <= load <= 5.0, not 0.05 <= turned <= 2.0 * np.pi
     guesses = [f"pressure {by_pressure}"] if by_pressure and not curvature_odd else []
     guesses += [f"curvature {by_curvature}"] if by_curvature and not pressure_odd else []
-    column, value = ("pressure_kPa", float(curve.pressure[-1]))
+    words = {
+        "curvature": _short(curve.curvature[-1]),
+        "pressure": _short(curve.pressure[-1]),
+        "times": _times(factor),
+        "known": f"{source} ({c1[0]:.3g} MPa at {curve.rate:g} %)",
+        "load": _short(load),
+        "guess": " or ".join(guesses) or OTHER_UNIT,
+    }
+    column, value = "pressure_kPa", float(curve.pressure[-1])
     if curvature_odd and not pressure_odd:
-        column, value = ("curvature_per_m", float(curve.curvature[-1]))
-    problem = (
-        f"is inconsistent: {_short(curve.curvature[-1])} 1/m at "
-        f"{_short(curve.pressure[-1])} kPa is {_times(factor)} the bending expected from the "
-        f"dimensions and the C1 of {compared}, and p/C1 is {_short(load)}; "
-        f"{' or '.join(guesses) or OTHER_UNIT}"
-    )
-    remedy = "give kPa and 1/m; otherwise check [actuator] and the priors of c1_at_… in study.toml"
-    return _fault("actuator.csv", curve.name, column, value, problem, remedy)
+        column, value = "curvature_per_m", curve.end
+    impossible = bool(abs(log_factor) >= np.log(IMPOSSIBLE_BENDING))
+    yield _Found(curve.name, value, words, impossible, column=column)
 
 
-def _volumes(study: Study, length: float) -> Iterator[Doubt]:
-    """Doubt volumes of the cavity: their sign, their zero, their unit, and single specimens."""
-    assert study.actuator is not None
-    if "cavity_volume_ml" not in study.actuator:
-        return
-    rows = _first_loading(study.actuator)
+# ---- volumes of cavities
+
+
+def _volumes(evidence: _Evidence) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the rows with a volume, and by specimen that with the largest pressure."""
+    rows = _first_loading(evidence.actuator)
+    if "cavity_volume_ml" not in rows:
+        rows = rows.iloc[:0].assign(cavity_volume_ml=0.0)
     rows = rows[rows["cavity_volume_ml"].notna() & rows["curvature_per_m"].notna()]
     pressed = rows[rows["pressure_kPa"] > 0.0].sort_values("pressure_kPa", kind="stable")
     ends = pressed.drop_duplicates("specimen_id", keep="last").set_index("specimen_id")
-    if not len(ends):
-        return
-    total, last = len(ends), ends["cavity_volume_ml"]
-    against = [*_shrunk(last, total)] or [*_not_from_rest(rows, last)]
-    yield from against
-    turned = length * ends["curvature_per_m"]
-    known = (turned > CLEAR * DEGREE * ANGLE_ERROR) & (last > 0.0)
-    if against or not known.any():
-        return
-    mould, scale = study.settings.dimensions, 1e3 * length / study.settings.dimensions.length
-    swept = 1e-3 * mould.width * mould.height**2 * scale**3 * turned[known]  # ml
-    logs = np.log(last[known].to_numpy(float) / swept.to_numpy(float))
-    table = ends.loc[known, ["degradation_pct"]].rename(columns={"degradation_pct": "rate"})
-    values = last[known].to_numpy(float)
-    log_factor = float(np.median(logs))
-    if abs(log_factor) > np.log(IMPOSSIBLE_VOLUME):
-        yield _wrong_volume(str(table.index[0]), float(values[0]), _factor(log_factor))
-        return
-    place = ("actuator.csv", "cavity_volume_ml", "volume at the same bending")
-    yield from _odd_ones(table, logs, values, place, VOLUME_UNITS, "give ml")
+    return rows[:0] if ends.empty else rows, ends
 
 
-def _wrong_volume(name: str, value: float, factor: float) -> Doubt:
-    problem = (
-        f"is, like the others, {_times(factor)} the volume swept by width, height and bend "
-        f"angle of the actuator;  {_likely(factor, VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)}"
-    )
-    remedy = "give ml (cm³); otherwise check [actuator] in study.toml, in mm"
-    place = ("actuator.csv", name, "cavity_volume_ml", value)
-    return Doubt(_fault(*place, problem, remedy), True)
+def _shrunk(evidence: _Evidence) -> Iterator[_Found]:
+    last = _volumes(evidence)[1]["cavity_volume_ml"]
+    for name, value in last[last < 0.0].items():
+        yield _Found(name, value, among=len(last))
 
 
-def _shrunk(last: "pd.Series[float]", total: int) -> Iterator[Doubt]:
-    problem = "is negative at the largest pressure, although pressure widens the chambers"
-    remedy = "give the increase of the volume over that at zero pressure as positive"
-    faults = [
-        _fault("actuator.csv", name, "cavity_volume_ml", value, problem, remedy)
-        for name, value in last[last < 0.0].items()
-    ]
-    yield from _all(_told(faults, total), impossible=True)
-
-
-def _not_from_rest(rows: pd.DataFrame, last: "pd.Series[float]") -> Iterator[Doubt]:
+def _volumes_at_rest(evidence: _Evidence) -> Iterator[_Found]:
+    rows, ends = _volumes(evidence)
     at_rest = rows[rows["pressure_kPa"].abs() <= 1e-9].drop_duplicates("specimen_id")
-    largest = at_rest["specimen_id"].map(last.abs())
+    largest = at_rest["specimen_id"].map(ends["cavity_volume_ml"].abs())
     far = at_rest["cavity_volume_ml"].abs() > LARGEST_VOLUME_AT_REST * largest
-    problem = "is the volume at zero pressure, which must be subtracted from every reading"
-    remedy = "subtract it from the volumes of this specimen, so that the first is 0"
-    faults = [
-        _fault("actuator.csv", row["specimen_id"], "cavity_volume_ml", value, problem, remedy)
-        for (_, row), value in zip(
-            at_rest[far].iterrows(), at_rest.loc[far, "cavity_volume_ml"], strict=True
-        )
-    ]
-    yield from _all(_told(faults, rows["specimen_id"].nunique()), impossible=True)
+    among = rows["specimen_id"].nunique()
+    for row in at_rest[far].to_dict("records"):
+        yield _Found(row["specimen_id"], float(row["cavity_volume_ml"]), among=among)
 
 
-def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:
+def _volumes_over_swept(evidence: _Evidence) -> tuple[pd.DataFrame, Floats, Floats]:
+    """Return rates of specimens that clearly bent, their volumes [ml], and ln of volume over swept.
+
+    Width times height squared times bend angle is swept.
+    """
+    ends, mould = _volumes(evidence)[1], evidence.study.settings.dimensions
+    last, turned = ends["cavity_volume_ml"], evidence.length * ends["curvature_per_m"]
+    known = (turned > CLEAR * DEGREE * ANGLE_ERROR) & (last > 0.0)
+    scale = 1e3 * evidence.length / mould.length
+    swept = 1e-3 * mould.width * mould.height**2 * scale**3 * turned[known]  # ml
+    values = last[known].to_numpy(float)
+    table = ends.loc[known, ["degradation_pct"]].rename(columns={"degradation_pct": "rate"})
+    return table, values, np.log(values / swept.to_numpy(float))
+
+
+def _wrong_volumes(evidence: _Evidence) -> Iterator[_Found]:
+    table, values, logs = _volumes_over_swept(evidence)
+    log_factor = float(np.median(logs)) if len(logs) else 0.0
+    if abs(log_factor) > np.log(IMPOSSIBLE_VOLUME):
+        factor = _factor(log_factor)
+        guess = _likely(factor, VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)
+        yield _Found(table.index[0], float(values[0]), {"times": _times(factor), "guess": guess})
+
+
+def _odd_volumes(evidence: _Evidence) -> Iterator[_Found]:
+    table, values, logs = _volumes_over_swept(evidence)
+    yield from _odd_ones(table, logs, values, VOLUME_UNITS)
+
+
+# ---- single actuators
+
+
+def _odd_actuators(evidence: _Evidence) -> Iterator[_Found]:
+    """Doubt the column in which an actuator is unusual: its pressures or its curvatures."""
+    curves = evidence.bent
+
     def differences(part: Integers) -> Floats:
         return np.array([[_log_ratio(curves[i], curves[j]) for j in part] for i in part])
 
@@ -1189,11 +1150,30 @@ def _odd_actuators(curves: list[_Curve]) -> Iterator[Doubt]:
     off = _off(rates, differences)
     wrong = np.flatnonzero(off)
     for i in wrong[:1] if len(curves) == 2 else wrong:
-        distance = np.abs(rates - rates[i])
+        distance, curve = np.abs(rates - rates[i]), curves[i]
         distance[i] = np.inf
-        near = np.flatnonzero(distance <= distance.min() + LEVEL)
-        near = near[np.argsort(distance[near], kind="stable")][:MOST_COMPARED]
-        yield _odd_actuator(curves[i], [curves[j] for j in near], _factor(off[i]))
+        close = np.flatnonzero(distance <= distance.min() + LEVEL)
+        close = close[np.argsort(distance[close], kind="stable")][:MOST_COMPARED]
+        near = [curves[j] for j in close]
+        of_pressure = float(curve.pressure[-1]) / float(np.median([c.pressure[-1] for c in near]))
+        if abs(np.log(of_pressure)) > np.log(2.0):
+            ratio, units, value = _pressure_ratio, PRESSURE_UNITS, float(curve.pressure[-1])
+            column, unit, at_same = "pressure_kPa", "kPa", "for the same curvature"
+        else:
+            ratio, units, value = _curvature_ratio, CURVATURE_UNITS, curve.end
+            column, unit, at_same = "curvature_per_m", "1/m", "at the same pressure"
+        exact = float(np.median([ratio(curve, other) for other in near]))
+        factor = exact if np.isfinite(exact) and exact > 0.0 else _factor(off[i])
+        slip = "likely a different unit, a slipped decimal point or a swapped label"
+        words = {
+            "times": _times(factor),
+            "at_same": at_same,
+            "names": ", ".join(c.name for c in near[:3]),
+            "guess": _likely(factor, units, NEAR_UNIT, otherwise=slip),
+            "unit": unit,
+        }
+        impossible = bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR))
+        yield _Found(curve.name, value, words, impossible, is_alone=True, column=column)
 
 
 def _off(rates: Floats, differences: Callable[[Integers], Floats]) -> Floats:
@@ -1204,30 +1184,6 @@ def _off(rates: Floats, differences: Callable[[Integers], Floats]) -> Floats:
         part.sort()
         found[part] = off_neighbours(differences(part), rates[part])
     return found
-
-
-def _odd_actuator(curve: _Curve, near: list[_Curve], factor: float) -> Doubt:
-    """Doubt the column that is unusual: its pressures or its curvatures."""
-    pressures = float(np.median([c.pressure[-1] for c in near]))
-    of_pressure = float(curve.pressure[-1]) / pressures
-    is_of_pressure = abs(np.log(of_pressure)) > np.log(2.0)
-    column, units, values, unit = "curvature_per_m", CURVATURE_UNITS, curve.curvature, "1/m"
-    ratio = _curvature_ratio
-    if is_of_pressure:
-        ratio = _pressure_ratio
-        column, units, values, unit = "pressure_kPa", PRESSURE_UNITS, curve.pressure, "kPa"
-    exact = float(np.median([ratio(curve, other) for other in near]))
-    factor = exact if np.isfinite(exact) and exact > 0.0 else factor
-    slip = "likely a different unit, a slipped decimal point or a swapped label"
-    guess = _likely(factor, units, NEAR_UNIT, otherwise=slip)
-    at_same = "for the same curvature" if is_of_pressure else "at the same pressure"
-    names = ", ".join(c.name for c in near[:3])
-    problem = (
-        f"is {_times(factor)} that of the actuators nearest in D_R {at_same} ({names}); {guess}"
-    )
-    remedy = f"give {unit}; compare with the test record, or leave the specimen out"
-    fault = _fault("actuator.csv", curve.name, column, float(values[-1]), problem, remedy)
-    return Doubt(fault, bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR)), is_alone=True)
 
 
 def _log_ratio(one: _Curve, other: _Curve) -> float:
@@ -1259,36 +1215,33 @@ def _pressure_ratio(one: _Curve, other: _Curve) -> float:
     """Return the ratio of pressures at equal curvature, near the end of the curves."""
     reached = 0.8 * min(float(one.curvature.max()), float(other.curvature.max()))
     first, second = (
-        float(np.interp(reached, [0.0, *_rising(c)], [0.0, *c.pressure])) for c in (one, other)
+        float(np.interp(reached, [0.0, *rising], [0.0, *curve.pressure]))
+        for curve in (one, other)
+        for rising in [np.maximum.accumulate(np.maximum(curve.curvature, 0.0))]
     )
     return first / second if second != 0.0 else float("nan")
 
 
-def _rising(curve: _Curve) -> Floats:
-    """Return the largest curvature up to each pressure."""
-    return np.asarray(np.maximum.accumulate(np.maximum(curve.curvature, 0.0)), np.float64)
-
-
-def _duplicates(actuator: pd.DataFrame) -> Iterator[Doubt]:
+def _copies(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt curves that equal those of a different specimen to the last digit."""
+    if not evidence.study.settings.suspects.set_aside:
+        return
     seen: dict[tuple[tuple[float, ...], ...], str] = {}
-    for name, rows in actuator.groupby("specimen_id", sort=False):
+    for name, rows in evidence.actuator.groupby("specimen_id", sort=False):
         read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
         curve = (tuple(read["pressure_kPa"]), tuple(read["curvature_per_m"]))
         if len(set(curve[1])) < LEAST_ALIKE:
             continue
         if curve in seen:
-            problem = (
-                f"and all other curvatures are those of specimen '{seen[curve]}' to the last digit"
-            )
-            remedy = "one is likely a copy: give the readings of each, or leave one out"
-            place = ("actuator.csv", name, "curvature_per_m", float(curve[1][-1]))
-            yield Doubt(_fault(*place, problem, remedy), False)
+            yield _Found(name, float(curve[1][-1]), {"other": seen[curve]}, impossible=False)
         seen.setdefault(curve, str(name))
 
 
-def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
+def _survivors(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt that all specimens of the highest degradation rate are listed, if it has fewer."""
+    if not evidence.study.settings.suspects.set_aside:
+        return
+    actuator = evidence.actuator
     first = actuator.drop_duplicates("specimen_id")
     rate = first["degradation_pct"].to_numpy(np.float64)
     order = np.argsort(rate)
@@ -1298,55 +1251,277 @@ def _survivors(actuator: pd.DataFrame) -> Iterator[Doubt]:
     if len(counts) < FEWEST_RATES or not counts[-1] < counts[:-1].min():
         return
     highest = actuator["specimen_id"].isin(first["specimen_id"][member == len(counts) - 1])
-    if (actuator.loc[highest, "ruptured"] > 0.5).any():
-        return
-    problem = (
-        f"has only {counts[-1]} of the actuators, every other degradation rate at least "
-        f"{counts[:-1].min()}, and none of them burst; are only survivors listed?"
-    )
-    remedy = "add the rows of those that burst, with ruptured = 1 at the last pressure"
-    place = ("actuator.csv", None, "degradation_pct", float(rate.max()))
-    yield Doubt(_fault(*place, problem, remedy), False)
+    if not (actuator.loc[highest, "ruptured"] > 0.5).any():
+        words = {"count": counts[-1], "others": counts[:-1].min()}
+        yield _Found(None, float(rate.max()), words, impossible=False)
 
 
-def _conditions(actuator: pd.DataFrame) -> Iterator[Doubt]:
-    """Doubt curvature without pressure, and a humidity that is a fraction."""
-    yield from _at_rest(actuator)
-    yield from _absolute(actuator)
-    humidity = actuator["humidity_pct"].dropna()
-    if len(humidity) and 0.0 < humidity.max() <= 1.0:
-        problem = "is the largest humidity of all rows; likely a fraction instead of percent"
-        place = ("actuator.csv", None, "humidity_pct", float(humidity.max()))
-        yield Doubt(_fault(*place, problem, "give percent: 60, not 0.6"), False)
+# ---- conditions of tests
 
 
-def _absolute(actuator: pd.DataFrame) -> Iterator[Doubt]:
-    """Doubt pressures that begin at ambient pressure with straight actuators."""
-    curves = _curves(actuator)
-    low, high = AIR_PRESSURE
-    begun = [c for c in curves if low <= c.pressure[0] <= high and len(c.pressure) > 1]
-    straight = [c for c in begun if c.curvature[0] < LARGEST_SHARE_AT_REST * c.curvature[-1]]
-    if curves and len(straight) == len(curves):
-        problem = "is the smallest pressure, at which the actuators are still straight; likely the "
-        problem += "absolute instead of the gauge pressure"
-        place = ("actuator.csv", curves[0].name, "pressure_kPa", float(curves[0].pressure[0]))
-        yield Doubt(_fault(*place, problem, "subtract the ambient pressure, about 101 kPa"), False)
-
-
-def _at_rest(actuator: pd.DataFrame) -> Iterator[Doubt]:
-    rows = _first_loading(actuator)
+def _curvatures_at_rest(evidence: _Evidence) -> Iterator[_Found]:
+    rows = _first_loading(evidence.actuator)
     size = rows["curvature_per_m"].abs()
     largest = size.groupby(rows["specimen_id"]).transform("max")
     at_rest = rows["pressure_kPa"].abs() <= 1e-9
     far = size > np.maximum(LARGEST_AT_REST, LARGEST_SHARE_AT_REST * largest)
-    wrong = rows[at_rest & far].drop_duplicates("specimen_id")
-    problem = "is the curvature at zero pressure, which must be subtracted from every reading"
-    remedy = "subtract it from the curvatures of this specimen, so that the first is 0"
-    faults = [
-        _fault("actuator.csv", row["specimen_id"], "curvature_per_m", v, problem, remedy)
-        for (_, row), v in zip(wrong.iterrows(), wrong["curvature_per_m"], strict=True)
-    ]
-    yield from _all(_told(faults, rows["specimen_id"].nunique()), impossible=False)
+    among = rows["specimen_id"].nunique()
+    for row in rows[at_rest & far].drop_duplicates("specimen_id").to_dict("records"):
+        value = float(row["curvature_per_m"])
+        yield _Found(row["specimen_id"], value, impossible=False, among=among)
+
+
+def _absolute(evidence: _Evidence) -> Iterator[_Found]:
+    """Doubt pressures that begin at ambient pressure with straight actuators."""
+    curves, (low, high) = evidence.curves, AIR_PRESSURE
+    if curves and all(
+        low <= c.pressure[0] <= high
+        and len(c.pressure) > 1
+        and c.curvature[0] < LARGEST_SHARE_AT_REST * c.curvature[-1]
+        for c in curves
+    ):
+        yield _Found(curves[0].name, float(curves[0].pressure[0]), impossible=False)
+
+
+def _humidity(evidence: _Evidence) -> Iterator[_Found]:
+    humidity = evidence.actuator["humidity_pct"].dropna()
+    if len(humidity) and 0.0 < humidity.max() <= 1.0:
+        yield _Found(None, float(humidity.max()), impossible=False)
+
+
+# ---- the table of checks
+
+
+_FILMS, _BREAKS, _ACTUATORS = "tensile.csv", "break.csv", "actuator.csv"
+_SIGNS = ("stretch", "compression", "sign")
+_ODD = "that of the specimens nearest in D_R; {guess}"
+_COMPARE = "compare with the test record, or leave the specimen out"
+_FROM_REST = "which must be subtracted from every reading"
+_AGAINST = ("backwards", "opposite", "angle")
+
+OF_FILMS = (
+    _Check(
+        "stretch",
+        *(_FILMS, "stretch", _too_stretched),
+        f"is beyond any gel or rubber (stretch up to {HIGHEST_STRETCH:g}); likely {{likely}}",
+        "{do}; 1 is unstrained",
+    ),
+    _Check(
+        "compression",
+        *(_FILMS, "stretch", partial(_wrong_signs, as_strain=True)),
+        "is compression, but the stress in the same row is tensile ({stress:g} MPa)",
+        "likely strain instead of stretch: add 1, so that 1 is undeformed",
+        unless=("stretch",),
+    ),
+    _Check(
+        "sign",
+        *(_FILMS, "stress_MPa", partial(_wrong_signs, as_strain=False)),
+        "has the wrong sign at a stretch of {stretch:g}",
+        "give tension as positive; some testing machines record it as negative",
+        unless=("stretch",),
+    ),
+    _Check(
+        "modulus",
+        *(_FILMS, "stress_MPa", _moduli),
+        "gives C1 = {c1:.3g} MPa at small strain, which is {times} the prior median "
+        "({prior:.3g} MPa{rate}); {guess}",
+        "give MPa; if the stress is right, set the prior of c1_at_… in study.toml",
+        unless=_SIGNS,
+    ),
+    _Check(
+        "odd film",
+        *(_FILMS, "stress_MPa", _odd_films),
+        f"makes the stiffness of the film {{times}} {_ODD}",
+        f"give MPa; {_COMPARE}",
+        unless=_SIGNS,
+    ),
+)
+"""Checks that show whether the films can be trusted."""
+OF_STUDY = (
+    _Check(
+        "below films",
+        *(_BREAKS, "elongation_pct", _below_films),
+        "is, like the others, far below the elongation that {films} reached in tensile.csv "
+        "(1/{share} of that); likely a fraction or a stretch instead of percent",
+        "give 100 (stretch at break − 1), 210 for a film that breaks at 3.1 times its length",
+    ),
+    _Check(
+        "elongation",
+        *(_BREAKS, "elongation_pct", _elongations_off_prior),
+        "is, like the others, {times} the prior median; {guess}",
+        "give 100 (stretch at break − 1), 210 for a film that breaks at 3.1 times its length",
+        unless=("below films",),
+    ),
+    _Check(
+        "odd elongation",
+        *(_BREAKS, "elongation_pct", _odd_elongations),
+        f"makes the elongation at break {{times}} {_ODD}",
+        f"give percent; {_COMPARE}",
+    ),
+    *(
+        _Check(
+            quantity,
+            *("summary.csv", "value", partial(_published, quantity=quantity)),
+            f"({quantity}) is {{times}} the prior median; {{guess}}",
+            f"give {unit}, or set the prior in study.toml",
+        )
+        for quantity, unit in {"young_modulus": "MPa", "elongation_at_break": "percent"}.items()
+    ),
+    *(
+        _Check(
+            f"rates of {file}",
+            *(file, "degradation_pct", partial(_as_fraction, response=response)),
+            f"is the largest degradation rate, yet {what} changes {{times}} over {{points:.2g}} "
+            "points; likely a fraction instead of percent",
+            "give percent: 25, not 0.25",
+        )
+        for file, what, response in (
+            (_FILMS, "the stiffness of the films", _stiffness),
+            (_BREAKS, "the elongation at break", _elongations),
+            (_ACTUATORS, "the curvature", _bending_per_pressure),
+        )
+    ),
+    _Check(
+        "thick layer",
+        *("study.toml", "thickness", _thick_layer),
+        "is the thickness of a layer modelled without bending stiffness on tetrahedra: curvatures "
+        "will be about {excess:.2g} % too large",
+        "mesh the part with hexahedra, or add this to mesh_error",
+    ),
+    _Check(
+        "soft layer",
+        *("study.toml", "constraint.C1", _layer_unit),
+        "is {c1:g} {unit}: {times} the C1 of the body ({body:.3g} kPa from {source}){in_mpa}",
+        'write unit = "MPa" or unit = "kPa" in [constraint]; it applies to C1, C2 and C3',
+    ),
+    _Check(
+        "still",
+        *(_ACTUATORS, "curvature_per_m", _still),
+        "is 0 at every pressure up to {pressure:g} kPa",
+        "check the tubing and the reading, or leave the specimen out",
+    ),
+)
+"""Checks of films, means, degradation rates and the layer."""
+OF_BENDING = (
+    _Check(
+        "backwards",
+        *(_ACTUATORS, "curvature_per_m", _backwards),
+        "is negative at the largest pressure ({pressure:g} kPa)",
+        "give bending towards the paper, the direction under pressure, as positive",
+    ),
+    _Check(
+        "opposite",
+        *(_ACTUATORS, "bend_angle_deg", _opposite_angles),
+        "has the opposite sign of the curvature in the same row ({curvature:g} 1/m)",
+        "give bending towards the paper, the direction under pressure, as positive",
+    ),
+    _Check(
+        "angle",
+        *(_ACTUATORS, "bend_angle_deg", _angles),
+        "is {times} the value from the {source} in the same row ({other}); {guess}",
+        "give {unit}, and check the length in study.toml (arc length {length:.3g} mm)",
+        unless=("backwards", "opposite"),
+    ),
+    _Check(
+        "wound",
+        *(_ACTUATORS, "curvature_per_m", _wound),
+        "winds the actuator into {turns:.3g} turns over its length of {length:.3g} mm; likely in "
+        "°/m, or the length in study.toml is not in mm",
+        "give 1/m, in radians over metres",
+        unless=_AGAINST,
+    ),
+    _Check(
+        "compliance",
+        *(_ACTUATORS, "pressure_kPa", _compliance),
+        "is inconsistent: {curvature} 1/m at {pressure} kPa is {times} the bending expected from "
+        "the dimensions and the C1 of {known}, and p/C1 is {load}; {guess}",
+        "give kPa and 1/m; otherwise check [actuator] and the priors of c1_at_… in study.toml",
+        unless=(*_AGAINST, "wound"),
+    ),
+    _Check(
+        "shrunk",
+        *(_ACTUATORS, "cavity_volume_ml", _shrunk),
+        "is negative at the largest pressure, although pressure widens the chambers",
+        "give the increase of the volume over that at zero pressure as positive",
+        unless=(*_AGAINST, "wound", "compliance"),
+    ),
+    _Check(
+        "volume at rest",
+        *(_ACTUATORS, "cavity_volume_ml", _volumes_at_rest),
+        f"is the volume at zero pressure, {_FROM_REST}",
+        "subtract it from the volumes of this specimen, so that the first is 0",
+        unless=(*_AGAINST, "wound", "compliance", "shrunk"),
+    ),
+    _Check(
+        "volume",
+        *(_ACTUATORS, "cavity_volume_ml", _wrong_volumes),
+        "is, like the others, {times} the volume swept by width, height and bend angle of the "
+        "actuator; {guess}",
+        "give ml (cm³); otherwise check [actuator] in study.toml, in mm",
+        unless=(*_AGAINST, "wound", "compliance", "shrunk", "volume at rest"),
+    ),
+    _Check(
+        "odd volume",
+        *(_ACTUATORS, "cavity_volume_ml", _odd_volumes),
+        f"makes the volume at the same bending {{times}} {_ODD}",
+        f"give ml; {_COMPARE}",
+        unless=(*_AGAINST, "wound", "compliance", "shrunk", "volume at rest", "volume"),
+    ),
+    _Check(
+        "computed",
+        *(_ACTUATORS, "bend_angle_deg", _computed),
+        "equals curvature_per_m times a length, to the last digit, on {rows} of {all} rows with an "
+        "angle ({length}, {says}): one was computed from the other, so the angle adds no "
+        "information and only the curvature is used",
+        "give angles that were read, or leave them out{do}",
+        unless=_AGAINST,
+    ),
+    _Check(
+        "odd actuator",
+        *(_ACTUATORS, "curvature_per_m", _odd_actuators),
+        "is {times} that of the actuators nearest in D_R {at_same} ({names}); {guess}",
+        f"give {{unit}}; {_COMPARE}",
+        unless=_AGAINST,
+    ),
+    _Check(
+        "copy",
+        *(_ACTUATORS, "curvature_per_m", _copies),
+        "and all other curvatures are those of specimen '{other}' to the last digit",
+        "one is likely a copy: give the readings of each, or leave one out",
+        unless=_AGAINST,
+    ),
+    _Check(
+        "survivors",
+        *(_ACTUATORS, "degradation_pct", _survivors),
+        "has only {count} of the actuators, every other degradation rate at least {others}, and "
+        "none of them burst; are only survivors listed?",
+        "add the rows of those that burst, with ruptured = 1 at the last pressure",
+        unless=_AGAINST,
+    ),
+)
+"""Checks of actuators of which at least one bent."""
+OF_CONDITIONS = (
+    _Check(
+        "at rest",
+        *(_ACTUATORS, "curvature_per_m", _curvatures_at_rest),
+        f"is the curvature at zero pressure, {_FROM_REST}",
+        "subtract it from the curvatures of this specimen, so that the first is 0",
+    ),
+    _Check(
+        "absolute",
+        *(_ACTUATORS, "pressure_kPa", _absolute),
+        "is the smallest pressure, at which the actuators are still straight; likely the absolute "
+        "instead of the gauge pressure",
+        "subtract the ambient pressure, about 101 kPa",
+    ),
+    _Check(
+        "humidity",
+        *(_ACTUATORS, "humidity_pct", _humidity),
+        "is the largest humidity of all rows; likely a fraction instead of percent",
+        "give percent: 60, not 0.6",
+    ),
+)
+"""Checks of how the actuators were tested."""
 
 
 # ---- names
@@ -1384,17 +1559,3 @@ def _plain_name(name: str) -> str:
     """
     folded = re.sub(r"[\s_-]+", "-", unicodedata.normalize("NFKC", name).casefold())
     return re.sub(r"(?<![\d.])0+(?=\d)", "", re.sub(r"(?<!\d)-|-(?!\d)", "", folded))
-
-
-# ---- wording
-
-
-def _fault(
-    file: str, specimen: object, column: str, value: float, problem: str, remedy: str
-) -> Fault:
-    name = None if specimen is None else str(specimen)
-    return Fault(file, problem, remedy, None, column, f"{value:g}", name)
-
-
-def _all(faults: Iterable[Fault], *, impossible: bool) -> Iterator[Doubt]:
-    return (Doubt(fault, impossible) for fault in faults)

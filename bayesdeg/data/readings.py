@@ -1,9 +1,10 @@
 """Columns of ``readings.csv``, whatever a study with its own forward map calls them."""
 
+import pandas as pd
 import pandera.pandas as pa
 
-from bayesdeg.data.cells import Cells, read_cells, read_number
-from bayesdeg.data.settings import UserForward
+from bayesdeg.data.cells import read_cells, read_number
+from bayesdeg.data.settings import Settings
 from bayesdeg.data.tables import Table, number, text
 from bayesdeg.errors import Fault, use_one_of
 
@@ -13,7 +14,7 @@ _WORDS = (SPECIMEN, HISTORY)
 
 
 def readings_table(
-    content: bytes, forward: UserForward
+    content: bytes, settings: Settings
 ) -> tuple[Table, tuple[str, ...], tuple[Fault, ...]]:
     r"""Return the columns of a study's readings, and which of them are inputs.
 
@@ -21,8 +22,8 @@ def readings_table(
     ----------
     content : bytes
         The file as stored.
-    forward : UserForward
-        As stated by the study.
+    settings : Settings
+        Of a study with its own forward map.
 
     Returns
     -------
@@ -36,46 +37,44 @@ def readings_table(
 
     Examples
     --------
+    >>> from bayesdeg.data.settings import ReadingOptions, UserForward
     >>> content = b"specimen_id,height_m,observer,time_s\na,1.0,Ada,0.45\n"
-    >>> readings_table(content, UserForward("model.py:fall", reading="time_s"))[1]
+    >>> forward, reading = UserForward("model.py:fall"), ReadingOptions(name="time_s")
+    >>> readings_table(content, Settings(forward=forward, reading=reading))[1]
     ('height_m',)
     """
     cells, _ = read_cells(content, FILE)
     if cells is None:  # the fault is reported when the cells are read
         return Table(NAME, pa.DataFrameSchema(name=FILE)), (), ()
-    there = list(cells.texts.columns)
-    inputs = _inputs(cells, forward)
-    missing = [name for name in (forward.reading, *inputs) if name not in there]
+    there, reading = list(cells.texts.columns), settings.reading.name
+    stated = None if settings.forward is None else settings.forward.inputs
+    inputs = stated or tuple(
+        str(name)
+        for name in there
+        if name not in (reading, *_WORDS) and _is_of_numbers(cells.texts[name])
+    )
     faults = [
-        Fault(FILE, "is missing", f"{use_one_of(name, there)} {_where(name, forward)}",
-              cells.header_row, name)
-        for name in missing
-    ]  # fmt: skip
+        Fault(
+            FILE,
+            "is missing",
+            f"{use_one_of(name, there)} or change "
+            f"{'name under [reading]' if name == reading else 'inputs under [forward]'} "
+            "in study.toml",
+            cells.header_row,
+            name,
+        )
+        for name in (reading, *inputs)
+        if name not in there
+    ]
     if not inputs:
         remedy = "add a column with the input set for each reading"
         faults.append(Fault(FILE, "has no input besides the reading", remedy, cells.header_row))
-    numbers = dict.fromkeys((forward.reading, *inputs))
+    numbers = dict.fromkeys((reading, *inputs))
     columns = {name: text() for name in _WORDS if name in there}
     columns |= {name: number() for name in numbers if name in there and name not in _WORDS}
     return Table(NAME, pa.DataFrameSchema(columns, name=FILE)), inputs, tuple(faults)
 
 
-def _inputs(cells: Cells, forward: UserForward) -> tuple[str, ...]:
-    if forward.inputs is not None:
-        return forward.inputs
-    return tuple(
-        str(name)
-        for name in cells.texts
-        if name not in (forward.reading, *_WORDS) and _is_of_numbers(cells, str(name))
-    )
-
-
-def _is_of_numbers(cells: Cells, name: str) -> bool:
+def _is_of_numbers(cells: pd.Series) -> bool:
     """Return whether most cells are numbers, so that any other cell is a fault."""
-    texts = cells.texts[name]
-    return 2 * sum(isinstance(read_number(text), float) for text in texts if text) > len(texts)
-
-
-def _where(name: str, forward: UserForward) -> str:
-    key = "name under [reading]" if name == forward.reading else "inputs under [forward]"
-    return f"or change {key} in study.toml"
+    return 2 * sum(isinstance(read_number(text), float) for text in cells if text) > len(cells)

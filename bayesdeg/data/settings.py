@@ -1,19 +1,29 @@
-"""Read the settings in study.toml, or report every fault in them."""
+"""What study.toml says: the settings of a study, or every fault in them.
+
+Each table of the file is a model with defaults; `Settings` holds them by their names in the file.
+"""
 
 import re
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass as plain_dataclass
+from dataclasses import field, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval, Len
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
     PlainValidator,
+    Strict,
     StringConstraints,
     TypeAdapter,
     ValidationError,
+    create_model,
 )
+from pydantic.dataclasses import dataclass
 
 from bayesdeg.data.cells import LARGEST
 from bayesdeg.data.families import (
@@ -30,32 +40,28 @@ from bayesdeg.data.families import (
     Kind,
     MeshDimensions,
     Mould,
-    Passive,
     RibbedDimensions,
-    Section,
     StressUnit,
 )
-from bayesdeg.data.foreign import DECIMALS, DELIMITERS, ForeignTable
-from bayesdeg.data.shrinkage import Known, MixtureRecipe
+from bayesdeg.data.foreign import ForeignTable
 from bayesdeg.data.uncertain import MOST, UncertainDimension, corners, uncertain_dimension
 from bayesdeg.errors import Fault, nearest
 from bayesdeg.files import DEEPEST, too_deep
 from bayesdeg.priors import Distribution, Parameter, law_from_mapping
 from bayesdeg.quantities import EFFORTS, LARGEST_SEED, SIDES, Effort, Side
 
+FILE = "study.toml"
+
 Mode = Literal["uniaxial", "equibiaxial", "planar"]
-
 RuptureCriterion = Literal["principal_stretch", "cauchy_stress", "strain_energy", "weakest_link"]
-
 Operator = Literal["angle_over_arc", "circle", "spline", "base_tip", "kappa"]
-
 MaterialLaw = Literal["yeoh", "neo_hookean", "mooney_rivlin", "gent", "ogden"]
 LengthUnit = Literal["mm", "cm", "m", "in"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 #: Standard deviation of a rate uniform from 0 to 100 %, 100/√12: nothing is known of it.
 LARGEST_RATE_SD = 29.0
-MODES: tuple[str, ...] = get_args(Mode)
+MODES: tuple[Mode, ...] = get_args(Mode)
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
 MATERIAL_LAWS: tuple[MaterialLaw, ...] = get_args(MaterialLaw)
 CALIBRATED_LAWS: tuple[MaterialLaw, ...] = ("yeoh", "neo_hookean")
@@ -75,7 +81,7 @@ and differs from line to line."""
 RUPTURE_CRITERIA: tuple[RuptureCriterion, ...] = get_args(RuptureCriterion)
 
 
-@dataclass(frozen=True)
+@plain_dataclass(frozen=True)
 class Dimensions:
     """Dimensions of the actuator as moulded, before shrinkage; all lengths in mm.
 
@@ -232,6 +238,12 @@ class Dimensions:
 
 AnyDimensions = Dimensions | RibbedDimensions | CylindricalDimensions | MeshDimensions
 """Dimensions of an actuator of any family."""
+MOULDS: Mapping[Kind, type[AnyDimensions]] = {
+    "pneunet": Dimensions,
+    "ribbed": RibbedDimensions,
+    "cylindrical": CylindricalDimensions,
+    "mesh": MeshDimensions,
+}
 
 
 def relative_size(dimensions: Mould) -> float:
@@ -247,39 +259,313 @@ def relative_size(dimensions: Mould) -> float:
     return float((this / usual) ** (1.0 / 3.0))
 
 
-@dataclass(frozen=True)
-class UserForward:
-    """A user's own forward map, as stated in ``study.toml``.
+# ---- values
+
+
+def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(names)) < len(names):
+        raise ValueError("duplicate name")
+    return names
+
+
+def _law(value: Any) -> Distribution:
+    """Read a law, from Python as it is."""
+    if isinstance(value, Distribution):
+        return value
+    if not isinstance(value, dict):
+        raise ValueError("is not a law")
+    return law_from_mapping(value)
+
+
+def _two_axes(axes: tuple[str, str]) -> tuple[str, str]:
+    if axes[0][-1] == axes[1][-1]:
+        raise ValueError("both axes are the same")
+    return axes
+
+
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if not 0.0 < ends[0] < ends[1]:
+        raise ValueError("is not a range of stretches")
+    return ends
+
+
+Number = Annotated[float, Strict(), Interval(ge=-LARGEST, le=LARGEST)]
+Whole = Annotated[int, Strict()]
+Flag = Annotated[bool, Strict()]
+Positive = Annotated[Number, Gt(0.0)]
+NotNegative = Annotated[Number, Ge(0.0)]
+Text = Annotated[str, StringConstraints(pattern=r"\S")]
+Law = Annotated[Distribution, PlainValidator(_law)]
+type Distinct[T] = Annotated[tuple[T, ...], AfterValidator(_each_once)]
+
+
+def _key(default: Any, accepts: str, **renamed: str) -> Any:
+    """Define a key of a table by its default and the accepted values in words."""
+    return field(default=default, metadata={"accepts": accepts, **renamed})
+
+
+def _one_of(words: tuple[str, ...]) -> str:
+    return f"one of {', '.join(words)}"
+
+
+_TABLE = ConfigDict(extra="forbid", validate_by_name=True, arbitrary_types_allowed=True)
+_TEXT = "a text in quotes"
+_FLAG = "true or false"
+_LENGTH = "a number above 0 [mm]"
+_SCALE = 'a law { law = "half_normal", sd = .. }'
+
+# ---- tables
+
+
+@dataclass(frozen=True, config=_TABLE)
+class Paper:
+    """The strain-limiting paper, ``[paper]``.
 
     Parameters
     ----------
-    function : str
-        File in the study and function in it, ``model.py:predict``.
-    inputs : tuple of str, optional
-        Columns of ``readings.csv`` given to the function; by default all numeric ones except the
-        reading itself.
-    parameters : tuple of Parameter
-        Unknowns of the function, with their priors.
-    reading, unit : str
-        Column of the reading, and its unit.
-    error : float or Distribution, optional
-        Standard deviation of a reading, or its prior.
-    scatter : bool or Distribution
-        Whether specimens differ, or the prior of their scatter.
+    thickness : float
+        Thickness of the strain-limiting paper, or of the layer that replaces it [mm].
     """
 
-    function: str
-    inputs: tuple[str, ...] | None = None
-    parameters: tuple[Parameter, ...] = ()
-    reading: str = "reading"
-    unit: str = "–"
-    error: float | Distribution | None = None
-    scatter: bool | Distribution = False
+    thickness: Positive = _key(0.1, _LENGTH)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_TABLE)
+class Layer:
+    """The inextensible layer, ``[constraint]``.
+
+    Parameters
+    ----------
+    kind : {"paper", "film", "elastomer", "none"}
+        The inextensible layer: paper and film differ in name only; an elastomer has its own
+        thickness and constants, which must be stated; with none, nothing limits stretch along
+        the plane.
+    height : float, optional
+        Height of the layer's middle above the bottom [mm]; by default it lies on the bottom, or
+        in the middle of an actuator with two halves.
+    thickness : float, optional
+        The same as `thickness` of `[paper]`, in its place.
+    C1, C2, C3 : float
+        Yeoh constants of a layer of elastomer, in its unit.
+    unit : {"MPa", "kPa"}, optional
+        Unit of these; kPa by default, for backward compatibility.
+    """
+
+    kind: ConstraintKind = _key("paper", _one_of(CONSTRAINTS))
+    height: NotNegative | None = _key(None, "a number of at least 0 [mm]")
+    thickness: Positive | None = _key(None, _LENGTH)
+    C1: Positive | None = _key(None, "a number above 0, in its unit")
+    C2: Number = _key(0.0, "a number, in its unit")
+    C3: NotNegative = _key(0.0, "a number from 0, in its unit")
+    unit: StressUnit | None = _key(None, "MPa or kPa, for C1, C2 and C3 (default kPa)")
+
+
+@dataclass(frozen=True, config=_TABLE)
+class Noise:
+    """Standard errors, ``[noise]``.
+
+    Parameters
+    ----------
+    degradation_sd_pct : float
+        Standard error of a degradation rate where none is recorded [%].
+    """
+
+    degradation_sd_pct: Annotated[Number, Interval(ge=0.0, le=LARGEST_RATE_SD)] = _key(
+        1.0, f"a number from 0 to {LARGEST_RATE_SD:g} [%]"
+    )
+
+
+@dataclass(frozen=True, config=_TABLE)
+class CauseOptions:
+    """Causes to be tried, ``[causes]``.
+
+    Parameters
+    ----------
+    candidates : tuple of str, optional
+        Causes to be tried; ``None`` for all.
+    """
+
+    candidates: Annotated[
+        Distinct[str] | None, BeforeValidator(lambda value: None if value == "all" else value)
+    ] = _key(None, '"all" or a list of distinct cause names')
+
+
+@dataclass(frozen=True, config=_TABLE)
+class SamplingOptions:
+    """Effort of the calibrations, ``[sampling]``.
+
+    Parameters
+    ----------
+    effort : {"quick", "standard", "thorough"}
+        How much is spent on sampling.
+    """
+
+    effort: Effort = _key("standard", _one_of(EFFORTS))
+
+
+@dataclass(frozen=True, config=_TABLE)
+class TensileOptions:
+    """Tensile curves, ``[tensile]``.
+
+    Parameters
+    ----------
+    fit_modes : tuple of str
+        Modes of loading whose tensile curves are fitted; others are held out and only predicted.
+    """
+
+    fit_modes: Annotated[Distinct[Mode], Len(1)] = _key(
+        MODES, f"a non-empty list of distinct entries from {', '.join(MODES)}"
+    )
+
+
+@dataclass(frozen=True, config=_TABLE)
+class MaterialOptions:
+    """Material law of films and actuators, ``[material]``.
+
+    Parameters
+    ----------
+    order : int
+        Polynomial order of Yeoh's constants in the degradation rate, 0 to 3.
+    law : {"yeoh", "neo_hookean"}
+        Material law of the calibrated model.
+    stretch_range : (float, float), optional
+        Stretch range of films; readings outside are left out.
+    """
+
+    order: Annotated[Whole, Interval(ge=0, le=3)] = _key(2, "a whole number from 0 to 3")
+    law: MaterialLaw = _key("yeoh", _one_of(MATERIAL_LAWS))
+    stretch_range: Annotated[tuple[Number, Number], AfterValidator(_rising)] | None = _key(
+        None, "two stretches above 0, the smaller first, such as [1.0, 2.0]"
+    )
+
+
+@plain_dataclass(frozen=True)
+class Known:
+    """A number with its standard uncertainty.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    sd : float
+        Its standard uncertainty, in the same unit; 0 where it is taken as exact.
+    """
+
+    value: float
+    sd: float = 0.0
+
+
+KNOWN = {field.name for field in fields(Known)}
+_NUMBERS = TypeAdapter(dict[str, Number])
+
+
+def _known(value: Any) -> Known:
+    """Read a value above 0, with or without its standard uncertainty."""
+    if isinstance(value, Known):
+        return value
+    both = _NUMBERS.validate_python(value if isinstance(value, dict) else {"value": value})
+    if not (both.keys() <= KNOWN and 0.0 <= both.get("sd", 0.0) < both.get("value", 0.0)):
+        raise ValueError("is not a value with an sd below it")
+    return Known(**both)
+
+
+def _figure(value: Any) -> Known:
+    """Read a vendor's figure: a value above 0, and its sd, by default 20 % of it."""
+    known = _known(value)
+    if known.sd == 0.0:
+        if isinstance(value, dict) and "sd" in value:
+            raise ValueError("a vendor's figure needs an sd above 0")
+        return Known(known.value, VENDOR_SD * known.value)
+    return known
+
+
+_Known = Annotated[Known, PlainValidator(_known)]
+_Figure = Annotated[Known, PlainValidator(_figure)]
+
+
+@plain_dataclass(frozen=True)
+class Mixture:
+    """The poured mixture: parts by mass and densities [g/cm³].
+
+    The densities are assumed, since the source states none: published values are 1.27 to 1.44 for
+    gelatin, 1.26 for glycerol and 1.00 for water.
+
+    Parameters
+    ----------
+    gelatin, glycerol, water : float
+        Parts by mass M_Gel : M_Gly : M_0w.
+    gelatin_density, glycerol_density, water_density : float
+        [g/cm³]
+    """
+
+    gelatin: float = 2.0
+    glycerol: float = 1.0
+    water: float = 8.0
+    gelatin_density: float = 1.35
+    glycerol_density: float = 1.26
+    water_density: float = 1.00
+
+    @property
+    def total(self) -> float:
+        """Sum of the parts, M_0."""
+        return self.gelatin + self.glycerol + self.water
+
+    @property
+    def solids(self) -> float:
+        """Mass share of gelatin and glycerol, which stay when all water is lost."""
+        return (self.gelatin + self.glycerol) / self.total
+
+
+def _part(usual: float, unit: str) -> Any:
+    return _key(
+        Known(usual),
+        f"a number above 0 [{unit}], or {{ value = .., sd = .. }} with sd from 0 to below value",
+    )
+
+
+@dataclass(frozen=True, config=_TABLE)
+class MixtureRecipe:
+    """Composition of a `Mixture` with uncertainties, ``[shrinkage]``.
+
+    The defaults are taken as exact. All films of a study share it, so its errors are common to them
+    and no average removes them.
+
+    Parameters
+    ----------
+    gelatin, glycerol, water : Known
+        Parts by mass.
+    gelatin_density, glycerol_density, water_density : Known
+        [g/cm³]
+
+    Examples
+    --------
+    >>> MixtureRecipe(gelatin_density=Known(1.35, 0.05)).mixture == Mixture()
+    True
+    """
+
+    gelatin: _Known = _part(Mixture.gelatin, "parts by mass")
+    glycerol: _Known = _part(Mixture.glycerol, "parts by mass")
+    water: _Known = _part(Mixture.water, "parts by mass")
+    gelatin_density: _Known = _part(Mixture.gelatin_density, "g/cm³")
+    glycerol_density: _Known = _part(Mixture.glycerol_density, "g/cm³")
+    water_density: _Known = _part(Mixture.water_density, "g/cm³")
+
+    @property
+    def mixture(self) -> Mixture:
+        """The mixture at the given values."""
+        return Mixture(**{entry.name: getattr(self, entry.name).value for entry in fields(self)})
+
+
+def _of_vendor(unit: str) -> Any:
+    return _key(
+        None,
+        f"a number above 0 [{unit}], or {{ value = .., sd = .. }} with sd above 0, below value",
+    )
+
+
+@dataclass(frozen=True, config=_TABLE)
 class VendorFigures:
-    """A vendor's figures of the fresh material; the default 20 % cover batch and method.
+    """A vendor's figures of the fresh material, ``[vendor]``; 20 % cover batch and method.
 
     Parameters
     ----------
@@ -291,12 +577,95 @@ class VendorFigures:
         Source of the figures.
     """
 
-    modulus_100: Known | None = None
-    elongation_at_break: Known | None = None
-    source: str = "vendor"
+    modulus_100: _Figure | None = _of_vendor("kPa")
+    elongation_at_break: _Figure | None = _of_vendor("%")
+    source: Text = _key("vendor", _TEXT)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_TABLE)
+class RuptureOptions:
+    """How rupture is predicted, ``[rupture]``.
+
+    Parameters
+    ----------
+    criterion : str
+        Measure of a wall's state compared with the films' elongation at break.
+    film_volume : float
+        Volume of a film stretched in a break test, for the weakest link; by default the narrow
+        part of ISO 37 type 1A, 20 mm × 5 mm, of a film of 0.5 mm [mm³].
+    """
+
+    criterion: RuptureCriterion = _key("principal_stretch", _one_of(RUPTURE_CRITERIA))
+    film_volume: Positive = _key(50.0, "a number above 0 [mm³]")
+
+
+@dataclass(frozen=True, config=_TABLE)
+class SuspectOptions:
+    """Outlying specimens and readings, ``[suspects]``.
+
+    Parameters
+    ----------
+    set_aside : bool
+        Whether to look for specimens and readings that the others contradict, and to calibrate
+        and judge without them.
+    """
+
+    set_aside: Flag = _key(False, _FLAG)
+
+
+@dataclass(frozen=True, config=_TABLE)
+class UserForward:
+    """A user's own forward map, ``[forward]``.
+
+    Parameters
+    ----------
+    function : str
+        File in the study and function in it, ``model.py:predict``.
+    inputs : tuple of str, optional
+        Columns of ``readings.csv`` given to the function; by default all numeric ones except the
+        reading itself.
+    """
+
+    function: Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")] = field(
+        metadata={"accepts": 'a file in the study and a function in it, "model.py:predict"'}
+    )
+    inputs: Annotated[Distinct[str], Len(1)] | None = _key(
+        None, "a list of distinct columns of readings.csv"
+    )
+
+
+@dataclass(frozen=True, config=_TABLE)
+class ReadingOptions:
+    """How curvature was read, or the reading of a user's own forward map, ``[reading]``.
+
+    Parameters
+    ----------
+    operator : str, optional
+        How curvature was read; by default as bend angle over arc length.
+    points : int
+        Number of points along the bottom line given to any other operator; for ``kappa`` the
+        number of control points.
+    name : str
+        Column of the reading.
+    unit : str
+        Unit of the reading.
+    error : float or Distribution, optional
+        Standard deviation of a reading, or its prior.
+    scatter : bool or Distribution
+        Whether specimens differ, or the prior of their scatter.
+    """
+
+    operator: Operator | None = _key(None, _one_of(OPERATORS))
+    points: Annotated[Whole, Interval(ge=FEWEST_POINTS, le=MOST_READ_POINTS)] = _key(
+        50, f"a whole number from {FEWEST_POINTS} to {MOST_READ_POINTS}"
+    )
+    name: Text = _key("reading", "the column of readings.csv with the reading, in quotes")
+    unit: Text = _key("–", _TEXT)
+    error: Law | Positive | None = _key(None, f"a number above 0, or {_SCALE}")
+    scatter: Law | Flag = _key(False, f"true, false, or {_SCALE}")
+
+
+@dataclass(frozen=True, config=_TABLE)
 class PhotographOptions:
     """How the photographs of a study are traced, from ``[photographs]``.
 
@@ -318,13 +687,13 @@ class PhotographOptions:
         File in the study with lines used unchanged where tracing fails.
     """
 
-    grid: float | None = None
-    ruler: float | None = None
-    length: float | None = None
-    scale: float | None = None
-    base: Side | None = None
-    hint: str | None = None
-    line: str | None = None
+    grid: Positive | None = _key(None, _LENGTH)
+    ruler: Positive | None = _key(None, _LENGTH)
+    length: Positive | None = _key(None, _LENGTH)
+    scale: Positive | None = _key(None, "a number above 0 [mm/px]")
+    base: Side | None = _key(None, _one_of(SIDES))
+    hint: Text | None = _key(None, "a file in the study, in quotes")
+    line: Text | None = _key(None, "a file in the study, in quotes")
 
     @property
     def has_scale(self) -> bool:
@@ -332,7 +701,7 @@ class PhotographOptions:
         return any(one is not None for one in (self.grid, self.ruler, self.length, self.scale))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_TABLE)
 class CaptureOptions:
     """How motion capture recordings are read, from ``[captures]``.
 
@@ -361,17 +730,24 @@ class CaptureOptions:
         Channel reading at zero pressure, in its unit.
     """
 
-    markers: tuple[str, ...] = ()
-    unit: LengthUnit | None = None
-    plane: tuple[str, str] | None = None
-    offset: float = 0.0
-    sd: float = 0.0
-    pressure: str | None = None
-    kpa_per_unit: float | None = None
-    zero: float = 0.0
+    markers: Annotated[Distinct[Text], Len(FEWEST_POINTS)] = _key(
+        (), f"a list of at least {FEWEST_POINTS} distinct marker names"
+    )
+    unit: LengthUnit | None = _key(None, _one_of(LENGTH_UNITS))
+    plane: Annotated[tuple[Axis, Axis], AfterValidator(_two_axes)] | None = _key(
+        None,
+        'two different axes, along the clamped end and away from the paper, such as ["x", "-z"]',
+    )
+    offset: Number = _key(0.0, "a number [mm]")
+    sd: NotNegative = _key(0.0, "a number of at least 0 [mm]")
+    pressure: Text | None = _key(None, "the name of an analog channel, in quotes")
+    kpa_per_unit: Annotated[Positive | None, Field(validation_alias="kPa_per_unit")] = _key(
+        None, "a number above 0 [kPa]", key="kPa_per_unit"
+    )
+    zero: Number = _key(0.0, "a number, in the unit of the channel")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_TABLE)
 class Settings:
     """The contents of ``study.toml``, defaults filled in.
 
@@ -379,70 +755,25 @@ class Settings:
     ----------
     title : str
         Heading of the report; empty if not given.
+    note : str
+        Free text shown in the report.
+    virtual : bool
+        Whether the data come from a virtual experiment.
     seed : int
         Seed of all random numbers of the study.
     dimensions : Dimensions, RibbedDimensions, CylindricalDimensions or MeshDimensions
-        The actuator as moulded; a dimension given by a prior has its median here.
+        The actuator as moulded, ``[actuator]``; a dimension given by a prior has its median here.
     uncertain : tuple of UncertainDimension
         Dimensions given by priors.
-    paper_thickness_mm : float
-        Thickness of the strain-limiting paper, or of the layer that replaces it [mm].
-    constraint_kind : {"paper", "film", "elastomer", "none"}
-        The inextensible layer: paper and film differ in name only; an elastomer has its own
-        thickness and constants, which must be stated; with none, nothing limits stretch along
-        the plane.
-    constraint_height_mm : float, optional
-        Height of the layer's middle above the bottom [mm]; by default it lies on the bottom, or
-        in the middle of an actuator with two halves.
-    constraint_c1, constraint_c2, constraint_c3 : float
-        Yeoh constants of a layer of elastomer, in its unit.
-    constraint_unit : {"MPa", "kPa"}, optional
-        Unit of these; kPa by default, for backward compatibility.
-    recipe : MixtureRecipe
-        Parts by mass and densities of the film mixture.
     priors : mapping of str to Distribution
         Only priors stated by the study; all other parameters keep theirs.
-    degradation_sd_pct : float
-        Standard error of a degradation rate where none is recorded [%].
-    candidates : tuple of str, optional
-        Causes to be tried; ``None`` for all.
-    effort : {"quick", "standard", "thorough"}
-        How much is spent on sampling.
-    fit_modes : tuple of str
-        Modes of loading whose tensile curves are fitted; others are held out and only predicted.
-    order : int
-        Polynomial order of Yeoh's constants in the degradation rate, 0 to 3.
-    virtual : bool
-        Whether the data come from a virtual experiment.
-    note : str
-        Free text shown in the report.
+    parameters : tuple of Parameter
+        Unknowns of a user's own forward map, with their priors.
     forward : UserForward, optional
         A user's own forward map, instead of actuators and films.
-    rupture_criterion : str
-        Measure of a wall's state compared with the films' elongation at break.
-    film_volume_mm3 : float
-        Volume of a film stretched in a break test, for the weakest link; by default the narrow
-        part of ISO 37 type 1A, 20 mm × 5 mm, of a film of 0.5 mm.
-    set_aside : bool
-        Whether to look for specimens and readings that the others contradict, and to calibrate
-        and judge without them.
-    operator : str, optional
-        How curvature was read; by default as bend angle over arc length.
-    reading_points : int
-        Number of points along the bottom line given to any other operator; for ``kappa`` the
-        number of control points.
-    law : {"yeoh", "neo_hookean"}
-        Material law of the calibrated model.
-    stretch_range : (float, float), optional
-        Stretch range of films; readings outside are left out.
-    vendor : VendorFigures
-        Vendor's figures of the fresh material.
-    photographs : PhotographOptions
-        How photographs are traced.
-    markers : ForeignTable
-        Format of ``markers.csv``, if exported by a different program.
-    captures : CaptureOptions
-        How motion capture recordings are read.
+    paper, constraint, shrinkage, noise, causes, sampling, tensile, material, vendor, rupture,
+    suspects, reading, photographs, markers, captures
+        The tables of these names.
 
     Examples
     --------
@@ -450,371 +781,119 @@ class Settings:
     True
     """
 
-    title: str = ""
-    seed: int = 20211124
+    title: str = _key("", _TEXT)
+    note: str = _key("", _TEXT)
+    virtual: Flag = _key(False, _FLAG)
+    seed: Annotated[Whole, Interval(ge=0, le=LARGEST_SEED)] = _key(
+        20211124, f"a whole number from 0 to {LARGEST_SEED}"
+    )
     dimensions: AnyDimensions = field(default_factory=Dimensions)
     uncertain: tuple[UncertainDimension, ...] = ()
-    paper_thickness_mm: float = 0.1
-    constraint_kind: ConstraintKind = "paper"
-    constraint_height_mm: float | None = None
-    constraint_c1: float = 0.0
-    constraint_c2: float = 0.0
-    constraint_c3: float = 0.0
-    constraint_unit: StressUnit | None = None
-    recipe: MixtureRecipe = field(default_factory=MixtureRecipe)
-    priors: Mapping[str, Distribution] = field(default_factory=dict)
-    degradation_sd_pct: float = 1.0
-    candidates: tuple[str, ...] | None = None
-    effort: Effort = "standard"
-    fit_modes: tuple[str, ...] = MODES
-    order: int = 2
-    virtual: bool = False
-    note: str = ""
+    priors: Mapping[str, Law] = field(default_factory=dict)
+    parameters: tuple[Parameter, ...] = ()
     forward: UserForward | None = None
-    rupture_criterion: RuptureCriterion = "principal_stretch"
-    film_volume_mm3: float = 50.0
-    set_aside: bool = False
-    operator: Operator | None = None
-    reading_points: int = 50
-    law: MaterialLaw = "yeoh"
-    stretch_range: tuple[float, float] | None = None
+    paper: Paper = field(default_factory=Paper)
+    constraint: Layer = field(default_factory=Layer)
+    shrinkage: MixtureRecipe = field(default_factory=MixtureRecipe)
+    noise: Noise = field(default_factory=Noise)
+    causes: CauseOptions = field(default_factory=CauseOptions)
+    sampling: SamplingOptions = field(default_factory=SamplingOptions)
+    tensile: TensileOptions = field(default_factory=TensileOptions)
+    material: MaterialOptions = field(default_factory=MaterialOptions)
     vendor: VendorFigures = field(default_factory=VendorFigures)
+    rupture: RuptureOptions = field(default_factory=RuptureOptions)
+    suspects: SuspectOptions = field(default_factory=SuspectOptions)
+    reading: ReadingOptions = field(default_factory=ReadingOptions)
     photographs: PhotographOptions = field(default_factory=PhotographOptions)
     markers: ForeignTable = field(default_factory=ForeignTable)
     captures: CaptureOptions = field(default_factory=CaptureOptions)
 
     @property
-    def kind(self) -> Kind:
-        """The family of the actuator."""
-        return self.dimensions.kind
-
-    @property
     def is_default_mould(self) -> bool:
         """Whether this is the default actuator with paper or film on its bottom."""
-        on_bottom = self.constraint_kind in ("paper", "film") and not self.constraint_height_mm
+        on_bottom = self.layer.is_membrane and not self.layer.height
         return self.dimensions == Dimensions() and on_bottom and not self.uncertain
 
     @property
-    def constraint(self) -> Constraint:
+    def layer(self) -> Constraint:
         """The inextensible layer."""
-        if self.constraint_kind != "elastomer":
-            return Constraint(self.constraint_kind, self.constraint_height_mm)
-        kpa = 1e3 if self.constraint_unit == "MPa" else 1.0
+        stated = self.constraint
+        if stated.kind != "elastomer":
+            return Constraint(stated.kind, stated.height)
+        kpa = 1e3 if stated.unit == "MPa" else 1.0
         return Constraint(
-            self.constraint_kind,
-            self.constraint_height_mm,
-            self.paper_thickness_mm,
-            kpa * self.constraint_c1,
-            kpa * self.constraint_c2,
-            kpa * self.constraint_c3,
+            stated.kind,
+            stated.height,
+            self.paper.thickness,
+            kpa * (stated.C1 or 0.0),
+            kpa * stated.C2,
+            kpa * stated.C3,
         )
 
 
-FILE = "study.toml"
-KNOWN = {field.name for field in fields(Known)}
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """One key: its table, accepted values in words and as a type, and its field."""
-
-    table: str
-    key: str
-    wanted: str
-    accepted: Any
-    renamed: str = ""
-
-    @property
-    def field(self) -> str:
-        """Name of the field of `Settings`, or of a part of it."""
-        return self.renamed or self.key
-
-    def read(self, value: object) -> Any:
-        """Return the value of the field; raise ValidationError for an invalid one."""
-        return TypeAdapter(self.accepted).validate_python(value, strict=True)
-
-
-def _each_once(names: list[str]) -> tuple[str, ...]:
-    if len(set(names)) < len(names):
-        raise ValueError("duplicate name")
-    return tuple(names)
-
-
-def _of_other_names(columns: dict[str, str]) -> dict[str, str]:
-    if not columns or len(set(columns.values())) < len(columns) or not all(columns.values()):
-        raise ValueError("duplicate or empty column name")
-    return columns
-
-
-def _two_axes(axes: list[str]) -> tuple[str, ...]:
-    if len({axis[-1] for axis in axes}) < len(axes):
-        raise ValueError("both axes are the same")
-    return tuple(axes)
-
-
-def _known(value: Any) -> Known:
-    """Read a value above 0, with or without its standard uncertainty."""
-    both = TypeAdapter(dict[str, Number]).validate_python(
-        value if isinstance(value, dict) else {"value": value}, strict=True
-    )
-    if not (both.keys() <= KNOWN and 0.0 <= both.get("sd", 0.0) < both.get("value", 0.0)):
-        raise ValueError("is not a value with an sd below it")
-    return Known(**both)
-
-
-def _figure(value: Any) -> Known:
-    """Read a vendor's figure: a value above 0, and its sd, by default 20 % of it."""
-    known = _known(value)
-    if known.sd == 0.0:
-        if isinstance(value, dict) and "sd" in value:
-            raise ValueError("a vendor's figure needs an sd above 0")
-        return Known(known.value, VENDOR_SD * known.value)
-    return known
-
-
-def _range(ends: list[float]) -> tuple[float, float]:
-    low, high = ends
-    if not 0.0 < low < high:
-        raise ValueError("is not a range of stretches")
-    return low, high
-
-
-Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
-type _Names[T] = Annotated[list[T], AfterValidator(_each_once)]
-
-
-def _dimension(name: str) -> _Entry:
-    if name in ("chambers", "channels"):
-        return _Entry("actuator", name, "a whole number of at least 1", int)
-    if name == "passive":
-        return _Entry("actuator", name, f"one of {', '.join(PASSIVES)}", Passive)
-    if name == "file":
-        return _Entry("actuator", name, "the name of a mesh next to study.toml, in quotes", _Text)
-    if name == "mesh_error":
-        return _Entry("actuator", name, "a fraction between 0 and 1", Number)
-    if name == "section":
-        return _Entry("actuator", name, f"one of {', '.join(SECTIONS)}", Section)
-    wanted = (
-        f'a number up to {LARGEST_MM:g} [mm], or a law {{ law = "normal", mean = .., sd = .. }}'
-    )
-    return _Entry("actuator", name, wanted, _Size)
+# ---- keys of the file
 
 
 def _size(value: Any) -> float | Distribution:
     """Read a length, or the law of one."""
-    if isinstance(value, dict):
-        return law_from_mapping(value)
-    return float(TypeAdapter(Number).validate_python(value, strict=True))
+    return law_from_mapping(value) if isinstance(value, dict) else _NUMBER.validate_python(value)
 
 
-def _law(value: Any) -> Distribution:
-    if not isinstance(value, dict):
-        raise ValueError("is not a law")
-    return law_from_mapping(value)
-
-
-def _recipe(name: str) -> _Entry:
-    unit = "[g/cm³]" if name.endswith("density") else "[parts by mass]"
-    wanted = f"a number above 0 {unit}, or {{ value = .., sd = .. }} with sd from 0 to below value"
-    return _Entry("shrinkage", name, wanted, Annotated[Known, PlainValidator(_known)])
-
-
-def _vendor(name: str, unit: str) -> _Entry:
-    wanted = f"a number above 0 [{unit}], or {{ value = .., sd = .. }} with sd above 0, below value"
-    return _Entry("vendor", name, wanted, Annotated[Known, PlainValidator(_figure)])
-
-
-def _photographs(name: str) -> _Entry:
-    wanted = f"a number above 0 [{'mm/px' if name == 'scale' else 'mm'}]"
-    return _Entry("photographs", name, wanted, _POSITIVE, f"photographs_{name}")
-
-
-_SEED = f"a whole number from 0 to {LARGEST_SEED}"
-_CAUSES = '"all" or a list of distinct cause names'
-_MODES = f"a non-empty list of distinct entries from {', '.join(MODES)}"
-_POSITIVE, _DEGRADATION = Annotated[Number, Gt(0.0)], Annotated[Number, Ge(0.0)]
-_KNOWN_RATE = Annotated[Number, Interval(ge=0.0, le=LARGEST_RATE_SD)]
-_RATE_SD = f"a number from 0 to {LARGEST_RATE_SD:g} [%]"
-_FUNCTION = 'a file in the study and a function in it, "model.py:predict"'
-_INPUTS = "a list of distinct columns of readings.csv"
-_READING = "the column of readings.csv with the reading, in quotes"
-_SCALE = 'a law { law = "half_normal", sd = .. }'
-_Law = Annotated[Any, PlainValidator(_law)]
+_NUMBER: TypeAdapter[float] = TypeAdapter(Number)
 _Size = Annotated[Any, PlainValidator(_size)]
-_Text = Annotated[str, StringConstraints(pattern=r"\S")]
-_Function = Annotated[str, StringConstraints(pattern=r"^[^:/\\]+\.py:[A-Za-z_]\w*$")]
 
-MOULDS: Mapping[Kind, type[AnyDimensions]] = {
-    "pneunet": Dimensions,
-    "ribbed": RibbedDimensions,
-    "cylindrical": CylindricalDimensions,
-    "mesh": MeshDimensions,
+
+def _dimension(name: str, kind: Any) -> tuple[Any, str]:
+    """Return the accepted values of a dimension, as a type and in words."""
+    special: dict[str, tuple[Any, str]] = {
+        "passive": (kind, _one_of(PASSIVES)),
+        "section": (kind, _one_of(SECTIONS)),
+        "file": (Text, "the name of a mesh next to study.toml, in quotes"),
+        "mesh_error": (Number, "a fraction between 0 and 1"),
+    }
+    if kind is int:
+        return Whole, "a whole number of at least 1"
+    law = 'a law { law = "normal", mean = .., sd = .. }'
+    return special.get(name, (_Size, f"a number up to {LARGEST_MM:g} [mm], or {law}"))
+
+
+#: Dimensions of each family that study.toml sets: those not read from a file.
+_DIMENSIONS = {
+    kind: {one.name: one.type for one in fields(mould) if not one.metadata}
+    for kind, mould in MOULDS.items()
 }
-
-
-def _keys(mould: type[AnyDimensions]) -> list[str]:
-    """Return the dimensions set in study.toml: those not read from a file."""
-    return [one.name for one in fields(mould) if not one.metadata]
-
-
-DIMENSIONS = tuple(dict.fromkeys(name for mould in MOULDS.values() for name in _keys(mould)))
-"""Names of dimensions of all families, without duplicates."""
-
-
-def _captures(name: str, wanted: str, accepted: Any) -> _Entry:
-    return _Entry("captures", name, wanted, accepted, f"captures_{name.lower()}")
-
-
-_CAPTURES = (
-    _captures(
-        "markers",
-        f"a list of at least {FEWEST_POINTS} distinct marker names",
-        Annotated[_Names[_Text], Len(FEWEST_POINTS)],
-    ),
-    _captures("unit", f"one of {', '.join(LENGTH_UNITS)}", LengthUnit),
-    _captures(
-        "plane",
-        'two different axes, along the clamped end and away from the paper, such as ["x", "-z"]',
-        Annotated[list[Axis], Len(2, 2), AfterValidator(_two_axes)],
-    ),
-    _captures("offset", "a number [mm]", Number),
-    _captures("sd", "a number of at least 0 [mm]", Annotated[Number, Ge(0.0)]),
-    _captures("pressure", "the name of an analog channel, in quotes", _Text),
-    _captures("kPa_per_unit", "a number above 0 [kPa]", _POSITIVE),
-    _captures("zero", "a number, in the unit of the channel", Number),
-)
-
-ENTRIES: tuple[_Entry, ...] = (
-    _Entry("", "title", "a text in quotes", str),
-    _Entry("", "note", "a text in quotes", str),
-    _Entry("", "virtual", "true or false", bool),
-    _Entry("", "seed", _SEED, Annotated[int, Interval(ge=0, le=LARGEST_SEED)]),
-    _Entry("actuator", "kind", f"one of {', '.join(KINDS)}", Kind),
-    *(_dimension(name) for name in DIMENSIONS),
-    _Entry("paper", "thickness", "a number above 0 [mm]", _POSITIVE, "paper_thickness_mm"),
-    _Entry(
-        "constraint",
-        "kind",
-        f"one of {', '.join(CONSTRAINTS)}",
-        ConstraintKind,
-        "constraint_kind",
-    ),
-    _Entry(
-        "constraint",
-        "height",
-        "a number of at least 0 [mm]",
-        Annotated[Number, Ge(0.0)],
-        "constraint_height_mm",
-    ),
-    _Entry(
-        "constraint",
-        "thickness",
-        "a number above 0 [mm]",
-        _POSITIVE,
-        "constraint_thickness_mm",
-    ),
-    _Entry("constraint", "C1", "a number above 0, in its unit", _POSITIVE, "constraint_c1"),
-    _Entry("constraint", "C2", "a number, in its unit", Number, "constraint_c2"),
-    _Entry("constraint", "C3", "a number from 0, in its unit", _DEGRADATION, "constraint_c3"),
-    _Entry(
-        "constraint",
-        "unit",
-        "MPa or kPa, for C1, C2 and C3 (default kPa)",
-        StressUnit,
-        "constraint_unit",
-    ),
-    *(_recipe(entry.name) for entry in fields(MixtureRecipe)),
-    _Entry(
-        "noise",
-        "degradation_sd_pct",
-        _RATE_SD,
-        Annotated[Number, Interval(ge=0.0, le=LARGEST_RATE_SD)],
-    ),
-    _Entry("causes", "candidates", _CAUSES, Literal["all"] | _Names[str]),
-    _Entry("sampling", "effort", f"one of {', '.join(EFFORTS)}", Effort),
-    _Entry("tensile", "fit_modes", _MODES, Annotated[_Names[Mode], Len(1)]),
-    _Entry("material", "order", "a whole number from 0 to 3", Annotated[int, Interval(ge=0, le=3)]),
-    _Entry("material", "law", f"one of {', '.join(MATERIAL_LAWS)}", MaterialLaw),
-    _Entry(
-        "material",
-        "stretch_range",
-        "two stretches above 0, the smaller first, such as [1.0, 2.0]",
-        Annotated[list[Number], Len(2, 2), AfterValidator(_range)],
-    ),
-    _vendor("modulus_100", "kPa"),
-    _vendor("elongation_at_break", "%"),
-    _Entry("vendor", "source", "a text in quotes", _Text),
-    _Entry(
-        "rupture",
-        "criterion",
-        f"one of {', '.join(RUPTURE_CRITERIA)}",
-        RuptureCriterion,
-        "rupture_criterion",
-    ),
-    _Entry("rupture", "film_volume", "a number above 0 [mm³]", _POSITIVE, "film_volume_mm3"),
-    _Entry("suspects", "set_aside", "true or false", bool),
-    _Entry("forward", "function", _FUNCTION, _Function, "own_function"),
-    _Entry("forward", "inputs", _INPUTS, Annotated[_Names[str], Len(1)], "own_inputs"),
-    _Entry("reading", "operator", f"one of {', '.join(OPERATORS)}", Operator),
-    _Entry(
-        "reading",
-        "points",
-        f"a whole number from {FEWEST_POINTS} to {MOST_READ_POINTS}",
-        Annotated[int, Interval(ge=FEWEST_POINTS, le=MOST_READ_POINTS)],
-        "reading_points",
-    ),
-    *(_photographs(name) for name in ("grid", "ruler", "length", "scale")),
-    _Entry("photographs", "base", f"one of {', '.join(SIDES)}", Side, "photographs_base"),
-    *(
-        _Entry("photographs", name, "a file in the study, in quotes", _Text, f"photographs_{name}")
-        for name in ("hint", "line")
-    ),
-    _Entry(
-        "markers",
-        "columns",
-        'a table of names, { x_mm = "X", y_mm = "Y" }',
-        Annotated[dict[str, str], AfterValidator(_of_other_names)],
-        "markers_columns",
-    ),
-    _Entry(
-        "markers",
-        "constants",
-        "a table of values, { scale_mm_per_px = 0.001 }",
-        Annotated[dict[str, float | str], Len(1)],
-        "markers_constants",
-    ),
-    _Entry(
-        "markers",
-        "delimiter",
-        "one of " + ", ".join(f'"{one}"' for one in DELIMITERS if one != "\t"),
-        Literal[",", ";", "tab", "\t", "space"],
-        "markers_delimiter",
-    ),
-    _Entry(
-        "markers",
-        "decimal",
-        "one of " + " or ".join(f'"{one}"' for one in DECIMALS),
-        Literal[".", ","],
-        "markers_decimal",
-    ),
-    _Entry(
-        "markers",
-        "skip",
-        "a whole number from 0 to 100",
-        Annotated[int, Interval(ge=0, le=100)],
-        "markers_skip",
-    ),
-    *_CAPTURES,
-    _Entry("reading", "name", _READING, _Text, "own_reading"),
-    _Entry("reading", "unit", "a text in quotes", _Text, "own_unit"),
-    _Entry("reading", "error", f"a number above 0, or {_SCALE}", _Law | _POSITIVE, "own_error"),
-    _Entry("reading", "scatter", f"true, false, or {_SCALE}", _Law | bool, "own_scatter"),
-)
+_ACTUATOR: dict[str, tuple[Any, str]] = {"kind": (Kind, _one_of(KINDS))} | {
+    name: _dimension(name, kind) for of in _DIMENSIONS.values() for name, kind in of.items()
+}
 TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
     *("tensile", "material", "vendor", "rupture", "suspects", "forward", "parameters", "reading"),
     *("photographs", "markers", "captures"),
 )
+"""Tables of study.toml."""
+MODELS: Mapping[str, Any] = {
+    one.name: one.type for one in fields(Settings) if is_dataclass(one.type)
+} | {"forward": UserForward}
+"""Models of the tables, but for the actuator, priors and parameters."""
+
+
+def _keys(model: Any) -> dict[str, str]:
+    return {
+        one.metadata.get("key", one.name): one.metadata["accepts"]
+        for one in fields(model)
+        if "accepts" in one.metadata
+    }
+
+
+KEYS: Mapping[str, Mapping[str, str]] = {
+    "": _keys(Settings),
+    "actuator": {name: accepts for name, (_, accepts) in _ACTUATOR.items()},
+    **{name: _keys(MODELS[name]) for name in TABLES if name in MODELS},
+}
+"""Accepted values in words, by table and key; keys outside of tables have the table ""."""
+
+
+# ---- reading
 
 
 _TOO_DEEP = Fault(FILE, "is nested too deeply", "write tables and lists as the documentation shows")
@@ -848,7 +927,9 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     except UnicodeDecodeError as error:
         row = content.count(b"\n", 0, error.start) + 1
         return Settings(), (Fault(FILE, "is not UTF-8 text", "save it as UTF-8", row),)
-    if _has_long_key(text):
+    # tomllib takes minutes for a key of thousands of parts
+    keys = (line.partition("=")[0] for line in text.splitlines() if "=" in line or line[:1] == "[")
+    if any(key.count(".") > DEEPEST for key in keys):
         return Settings(), (_TOO_DEEP,)
     try:
         document = tomllib.loads(text)
@@ -858,13 +939,7 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
         return Settings(), (_invalid(str(error), text),)
     if too_deep(document):
         return Settings(), (_TOO_DEEP,)
-    return _from_document(document, text)
-
-
-def _has_long_key(text: str) -> bool:
-    """Return whether a key has very many parts; `tomllib` takes minutes for thousands."""
-    keys = (line.partition("=")[0] for line in text.splitlines() if "=" in line or line[:1] == "[")
-    return any(key.count(".") > DEEPEST for key in keys)
+    return _from_document(document, _Source(text))
 
 
 def _invalid(message: str, text: str) -> Fault:
@@ -877,380 +952,215 @@ def _invalid(message: str, text: str) -> Fault:
     return Fault(FILE, problem, "write key = value, texts in quotes", row, value=value)
 
 
-def _from_document(document: dict[str, Any], text: str) -> tuple[Settings, tuple[Fault, ...]]:
-    faults = list(_wrong_tables(document, text))
-    tables = {name: document[name] for name in TABLES if isinstance(document.get(name), dict)}
-    tables[""] = {key: value for key, value in document.items() if key not in TABLES}
-    priors, wrong_priors = _read_priors(tables.pop("priors", {}), text)
-    unknowns, wrong_unknowns = _read_parameters(tables.pop("parameters", {}), text)
-    faults += [*_unknown_keys(tables, text), *wrong_priors, *wrong_unknowns]
-    accepted: dict[str, Any] = {}
-    for entry in ENTRIES:
-        if entry.key not in tables.get(entry.table, {}):
-            continue
-        value = tables[entry.table][entry.key]
-        try:
-            accepted[entry.field] = entry.read(value)
-        except ValidationError:
-            faults.append(_wrong_value(entry, value, text))
-    if accepted.get("candidates") == "all":
-        accepted["candidates"] = None
-    table = tables.get("actuator", {})
-    if ("kind" in table) == ("kind" in accepted):
-        faults += _of_other_kinds(accepted.get("kind", "pneunet"), table, text)
-    faults += _two_thicknesses(tables, text)
-    faults += _of_elastomers(tables, text)
-    if "constraint_thickness_mm" in accepted:
-        accepted["paper_thickness_mm"] = accepted.pop("constraint_thickness_mm")
-    laws, dimensions = _taken_laws(accepted), _mould(accepted)
-    accepted["recipe"] = MixtureRecipe(**_of(MixtureRecipe, accepted))
-    accepted["vendor"] = VendorFigures(**_of(VendorFigures, accepted))
-    faults += _not_calibrated(accepted, text)
-    accepted |= {name: make(**_prefixed(name, accepted)) for name, make in _OF_FILES.items()}
-    # do not blame the defaults that replace refused keys
-    if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
-        of_layer = {k: v for k, v in accepted.items() if k.startswith(("constraint", "paper"))}
-        layer = Settings(**of_layer).constraint
-        accepted["uncertain"], wrong = _uncertain(laws, dimensions, layer, text)
-        faults += wrong
-    own = {k: accepted.pop(f"own_{k}") for k in _OWN if f"own_{k}" in accepted}
-    forward = UserForward(**own, parameters=unknowns) if "function" in own else None
-    if forward is None and not faults:
-        faults += _without_forward(document, text)
-    settings = Settings(dimensions=dimensions, priors=priors, forward=forward, **accepted)
-    if not faults:
-        faults += _unknown_operator(settings, text)
-        faults += _unknown_controls(settings, "points" in document.get("reading", {}), text)
-    return settings, tuple(faults)
+@plain_dataclass(frozen=True)
+class _Source:
+    """The text of study.toml, in which faults have their lines."""
+
+    text: str
+
+    def fault(
+        self, table: str, key: str | None, problem: str, remedy: str, value: object = None
+    ) -> Fault:
+        """Word a fault of a key, or of a whole table."""
+        shown = None if value is None else _as_written(value)
+        return Fault(FILE, problem, remedy, self.row(table, key), _dotted(table, key), shown)
+
+    def row(self, table: str, key: str | None) -> int | None:
+        """Find the line of a key or table header, which `tomllib` does not report."""
+        here = ""
+        for row, line in enumerate(self.text.splitlines(), start=1):
+            header = re.match(r"\s*\[\s*([\w.\-\"']+)\s*\]", line)
+            if header:
+                here = header[1].replace('"', "").replace("'", "")
+                if here == _dotted(table, key):
+                    return row
+            elif key is not None and here == table:
+                name = line.partition("=")[0].strip().strip("\"'")
+                if name == key or name.startswith(f"{key}."):
+                    return row
+        return None
 
 
-_OF_FILES: Mapping[str, Callable[..., object]] = {
-    "photographs": PhotographOptions,
-    "markers": ForeignTable,
-    "captures": CaptureOptions,
-}
-"""Tables of ``study.toml`` that define how a file is read."""
-_OF_OPERATOR = {"operator", "points"}
-_OWN = tuple(entry.name for entry in fields(UserForward) if entry.name != "parameters")
+def _dotted(table: str, key: str | None) -> str:
+    return f"{table}.{key}" if table and key is not None else table or key or ""
 
 
-def _unknown_operator(settings: Settings, text: str) -> tuple[Fault, ...]:
-    """Refuse an operator whose reading of this actuator is unknown."""
-    if settings.operator in (None, "angle_over_arc"):
-        return ()
-    if settings.forward is None and settings.is_default_mould:
-        return ()
-    return (
-        Fault(
-            FILE,
-            "is available for the default actuator only",
-            "read the end face's rotation over the arc length and write angle_over_arc",
-            _row_of(text, "reading", "operator"),
-            "reading.operator",
-            _as_written(settings.operator),
+def _as_written(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        pairs = (f"{key} = {_as_written(entry)}" for key, entry in value.items())
+        return f"{{ {', '.join(pairs)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(_as_written(entry) for entry in value)}]"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+_DEFINED: dict[str, Any] = {name: (accepted, None) for name, (accepted, _) in _ACTUATOR.items()}
+_ACTUATOR_FILE: TypeAdapter[Any] = TypeAdapter(
+    create_model(
+        "ActuatorFile",
+        actuator=(
+            create_model("Actuator", __config__=ConfigDict(extra="forbid"), **_DEFINED),
+            ...,
         ),
     )
+)
+_SETTINGS_FILE = TypeAdapter(Settings)
 
 
-def _unknown_controls(settings: Settings, stated: bool, text: str) -> tuple[Fault, ...]:
-    """Refuse Kappa curves with an unknown number of control points."""
-    least, most = POINTS_OF["kappa"]
-    points = settings.reading_points
-    if settings.operator != "kappa" or (stated and least <= points <= most):
-        return ()
-    problem = f"must be {least} to {most} with kappa, whose reading depends on it"
-    remedy = "give the curves' number of control points, or export their points as markers.csv"
-    row = _row_of(text, "reading", "points" if stated else "operator")
-    value = str(points) if stated else "not stated"
-    return (Fault(FILE, problem, remedy, row, "reading.points", value),)
-
-
-def _without_forward(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse keys that only a user's own forward map can use."""
-    remedy = '[forward] function = "model.py:predict" must name the function that uses them'
-    return tuple(
-        Fault(FILE, "has no effect without [forward]", remedy, _row_of(text, name, None), name)
-        for name in ("forward", "parameters", "reading")
-        if name in document and not (name == "reading" and document[name].keys() <= _OF_OPERATOR)
-    )
-
-
-def _read_parameters(
-    table: Mapping[str, Any], text: str
-) -> tuple[tuple[Parameter, ...], tuple[Fault, ...]]:
-    """Read ``[parameters]``: laws with unit and meaning."""
-    found, faults = [], []
-    for name, value in table.items():
-        place = (_row_of(text, "parameters", name), _dotted("parameters", name), _as_written(value))
-        if not isinstance(value, dict):
-            remedy = 'write for example { law = "normal", mean = 9.8, sd = 0.5, unit = "m/s²" }'
-            faults.append(Fault(FILE, "is not a law", remedy, *place))
-            continue
-        words = {key: value[key] for key in ("unit", "meaning") if key in value}
-        if not all(isinstance(word, str) for word in words.values()):
-            faults.append(Fault(FILE, "has a unit or meaning that is not text", "quote it", *place))
-            continue
-        if not name.strip():
-            faults.append(Fault(FILE, "has no name", "write for example [parameters.g]", *place))
-            continue
+def _accepted[T](
+    model: TypeAdapter[T], content: Mapping[str, Any]
+) -> tuple[T, list[tuple[str, str]]]:
+    """Return the model of the valid content, and table and key of the rest."""
+    wrong: list[tuple[str, str]] = []
+    while True:
         try:
-            law = law_from_mapping({k: v for k, v in value.items() if k not in words})
-        except ValueError as error:
-            faults.append(Fault(FILE, "is not a law", str(error), *place))
-            continue
-        found.append(Parameter(name, law, words.get("unit", "–"), words.get("meaning", "")))
-    return tuple(found), tuple(faults)
-
-
-def _mould(accepted: dict[str, Any]) -> AnyDimensions:
-    """Pop the actuator's dimensions of any family from the accepted values."""
-    mould = MOULDS[accepted.pop("kind", "pneunet")]
-    sizes = {name: accepted.pop(name) for name in DIMENSIONS if name in accepted}
-    own = set(_keys(mould))
-    return mould(**{name: value for name, value in sizes.items() if name in own})
-
-
-def _taken_laws(accepted: dict[str, Any]) -> dict[str, Distribution]:
-    """Replace laws of dimensions in the accepted values by their medians; return the laws."""
-    laws = {n: accepted[n] for n in DIMENSIONS if isinstance(accepted.get(n), Distribution)}
-    accepted |= {name: float(law.quantile(0.5)) for name, law in laws.items()}
-    return laws
-
-
-def _uncertain(
-    laws: Mapping[str, Distribution], dimensions: AnyDimensions, constraint: Constraint, text: str
-) -> tuple[tuple[UncertainDimension, ...], tuple[Fault, ...]]:
-    """Return the ranges of uncertain dimensions; refuse impossible ones."""
-    impossible = _impossible(dimensions, constraint, text)
-    if impossible:
-        return (), impossible
-
-    def problems(values: Mapping[str, float]) -> tuple[str, ...]:
-        made = type(dimensions)(**(vars(dimensions) | dict(values)))
-        return made.problems() or constraint.problems(made)
-
-    def fault(name: str, problem: str, remedy: str) -> Fault:
-        return Fault(FILE, problem, remedy, _row_of(text, "actuator", name), f"actuator.{name}")
-
-    found, faults = list[UncertainDimension](), list[Fault]()
-    for name, law in laws.items():
-        try:
-            found.append(uncertain_dimension(name, law, problems))
-        except ValueError as error:
-            faults.append(fault(name, str(error), "give a narrower law, or bounds"))
-    if len(laws) > MOST:
-        name = list(laws)[MOST]
-        remedy = "give numbers for the least important dimensions"
-        faults.append(fault(name, f"is one of more than {MOST} uncertain dimensions", remedy))
-    if not faults:
-        wrong = next(filter(None, map(problems, corners(tuple(found)))), ())
-        faults += [
-            fault(
-                found[-1].name,
-                f"conflicts with the other dimensions: {one}",
-                "give narrower laws",
-            )
-            for one in wrong[:1]
+            return model.validate_python(content, by_alias=True, by_name=False), wrong
+        except ValidationError as error:
+            refused = error.errors(include_url=False, include_context=False, include_input=False)
+        places = [tuple(map(str, one["loc"][:2])) for one in refused]
+        wrong += [
+            (name, keys[0]) if name in KEYS else ("", name)
+            for (name, *keys), one in zip(places, refused, strict=True)
+            if one["type"] != "missing" or len(one["loc"]) > 2
         ]
-    return tuple(found) if not faults else (), tuple(faults)
+        # a table without a key that it needs is left out
+        needed = {name for (name, *keys) in places if keys and keys[0] not in content[name]}
+        content = {
+            name: {key: value for key, value in entry.items() if (name, key) not in wrong}
+            if name in KEYS
+            else entry
+            for name, entry in content.items()
+            if name not in needed and ("", name) not in wrong
+        }
 
 
-def _of_other_kinds(kind: Kind, table: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse dimensions that actuators of this family do not have."""
-    names = {name: {*_keys(mould)} for name, mould in MOULDS.items()}
-    return tuple(
-        Fault(
-            FILE,
-            f"is not a dimension of a {kind} actuator",
-            "remove it, or write kind = "
-            + " or ".join(_as_written(name) for name, known in names.items() if key in known),
-            _row_of(text, "actuator", key),
-            _dotted("actuator", key),
-            _as_written(table[key]),
-        )
-        for key in table
-        if key in DIMENSIONS and key not in names[kind]
-    )
-
-
-def _two_thicknesses(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse two thicknesses for one layer."""
-    if not all("thickness" in tables.get(name, {}) for name in ("paper", "constraint")):
-        return ()
-    return (
-        Fault(
-            FILE,
-            "repeats paper.thickness, which is of the same layer",
-            "remove one of them",
-            _row_of(text, "constraint", "thickness"),
-            "constraint.thickness",
-            _as_written(tables["constraint"]["thickness"]),
-        ),
-    )
-
-
-def _of_elastomers(tables: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse an elastomer without what it needs, and elastomer constants for any other layer."""
-    table = tables.get("constraint", {})
-    if table.get("kind") != "elastomer":
-        return tuple(
-            Fault(
-                FILE,
-                "is for an elastomer layer, but kind is not elastomer",
-                'remove it, or write kind = "elastomer"',
-                _row_of(text, "constraint", key),
-                _dotted("constraint", key),
-                _as_written(table[key]),
-            )
-            for key in ("C1", "C2", "C3", "unit")
-            if key in table
-        )
-    needed = {"thickness": "mm", "C1": 'MPa, with unit = "MPa"'}
-    there = table.keys() | tables.get("paper", {}).keys()
-    return tuple(
-        Fault(
-            FILE,
-            f"is an elastomer without {name}",
-            f"give [constraint] {name} in {unit}",
-            _row_of(text, "constraint", "kind"),
-            "constraint.kind",
-            '"elastomer"',
-        )
-        for name, unit in needed.items()
-        if name not in there
-    )
-
-
-def _not_calibrated(accepted: dict[str, Any], text: str) -> tuple[Fault, ...]:
-    """Refuse a law that is only compared with films, not calibrated."""
-    law = accepted.get("law", "yeoh")
-    if law in CALIBRATED_LAWS:
-        return ()
-    del accepted["law"]
-    return (
-        Fault(
-            FILE,
-            "is compared with the films, but cannot be calibrated: the finite element model uses "
-            "Yeoh's constants",
-            f"write {' or '.join(_as_written(name) for name in CALIBRATED_LAWS)}, or remove the "
-            f"key; material_laws.csv of a run shows how well {law} predicts the films",
-            _row_of(text, "material", "law"),
-            "material.law",
-            _as_written(law),
-        ),
-    )
-
-
-def _of(part: type[MixtureRecipe | VendorFigures], accepted: dict[str, Any]) -> dict[str, Any]:
-    """Pop the fields of a part from the accepted values."""
-    names = {entry.name for entry in fields(part)}
-    return {name: accepted.pop(name) for name in names & accepted.keys()}
-
-
-def _prefixed(table: str, accepted: dict[str, Any]) -> dict[str, Any]:
-    """Pop the keys prefixed with a table's name from the accepted values."""
-    names = [name for name in accepted if name.startswith(f"{table}_")]
-    return {name.removeprefix(f"{table}_"): accepted.pop(name) for name in names}
-
-
-def _impossible(dimensions: AnyDimensions, constraint: Constraint, text: str) -> tuple[Fault, ...]:
-    problems = [("actuator", one) for one in dimensions.problems()]
-    if not problems:
-        problems = [("constraint", one) for one in constraint.problems(dimensions)]
-    usual = "change the dimensions so that an actuator can be made"
-    return tuple(
-        Fault(FILE, problem, remedy or usual, _row_of(text, table, None), table)
-        for table, (problem, _, remedy) in ((t, one.partition("; ")) for t, one in problems)
-    )
-
-
-def _wrong_tables(document: Mapping[str, Any], text: str) -> tuple[Fault, ...]:
-    return tuple(
-        Fault(
-            FILE,
+def _from_document(document: dict[str, Any], source: _Source) -> tuple[Settings, tuple[Fault, ...]]:
+    faults = [
+        source.fault(
+            "",
+            name,
             "is not a table",
             f"write [{name}] on a line of its own and its keys below",
-            _row_of(text, "", name),
-            name,
-            _as_written(document[name]),
+            document[name],
         )
         for name in TABLES
         if name in document and not isinstance(document[name], dict)
-    )
-
-
-def _unknown_keys(tables: Mapping[str, Mapping[str, Any]], text: str) -> tuple[Fault, ...]:
-    known = {(entry.table, entry.key) for entry in ENTRIES}
-    return tuple(
-        Fault(
-            FILE,
+    ]
+    tables = {name: document[name] for name in TABLES if isinstance(document.get(name), dict)}
+    priors, wrong_priors = _read_priors(tables.pop("priors", {}), source)
+    parameters, wrong_parameters = _read_parameters(tables.pop("parameters", {}), source)
+    tables[""] = {key: value for key, value in document.items() if key not in TABLES}
+    known = {
+        table: {k: v for k, v in of.items() if k in KEYS[table]} for table, of in tables.items()
+    }
+    faults += [
+        source.fault(
+            table,
+            key,
             "is not a known key",
-            _suggest(table, key),
-            _row_of(text, table, key),
-            _dotted(table, key),
-            None if isinstance(value, dict) else _as_written(value),
+            _suggestion(table, key),
+            None if isinstance(value, dict) else value,
         )
         for table, entries in tables.items()
         for key, value in entries.items()
-        if (table, key) not in known
+        if key not in known[table]
+    ]
+    faults += [*wrong_priors, *wrong_parameters]
+    stated, refused = _accepted(_ACTUATOR_FILE, {"actuator": known.pop("actuator", {})})
+    given = stated.actuator.model_fields_set
+    sizes = {name: getattr(stated.actuator, name) for name in _ACTUATOR if name in given}
+    settings, others = _accepted(_SETTINGS_FILE, known.pop("") | known)
+    order = [(table, key) for table, keys in KEYS.items() for key in keys]
+    wrong = sorted({*refused, *others}, key=order.index)
+    faults += [_wrong_value(*place, tables[place[0]][place[1]], source) for place in wrong]
+    kind: Kind = sizes.pop("kind", "pneunet")
+    if ("actuator", "kind") not in wrong:
+        faults += _of_other_kinds(kind, tables.get("actuator", {}), source)
+    faults += _wrong_layer(tables, source)
+    laws = {name: size for name, size in sizes.items() if isinstance(size, Distribution)}
+    sizes |= {name: float(law.quantile(0.5)) for name, law in laws.items()}
+    dimensions = MOULDS[kind](**{n: size for n, size in sizes.items() if n in _DIMENSIONS[kind]})
+    layer, law = settings.constraint, settings.material.law
+    settings = replace(
+        settings,
+        dimensions=dimensions,
+        priors=priors,
+        parameters=parameters,
+        paper=Paper(layer.thickness or settings.paper.thickness),
+        constraint=replace(layer, thickness=None),
     )
+    if law not in CALIBRATED_LAWS:
+        settings = replace(settings, material=replace(settings.material, law="yeoh"))
+        words = " or ".join(_as_written(name) for name in CALIBRATED_LAWS)
+        problem = (
+            "is compared with the films, but cannot be calibrated: the finite element model uses "
+            "Yeoh's constants"
+        )
+        remedy = (
+            f"write {words}, or remove the key; material_laws.csv of a run shows how well {law} "
+            "predicts the films"
+        )
+        faults.append(source.fault("material", "law", problem, remedy, law))
+    # do not blame the defaults that replace refused keys
+    if not any((fault.column or "").startswith(("actuator", "constraint")) for fault in faults):
+        uncertain, impossible = _uncertain(laws, dimensions, settings.layer, source)
+        settings = replace(settings, uncertain=uncertain)
+        faults += impossible
+    if settings.forward is None and not faults:
+        remedy = '[forward] function = "model.py:predict" must name the function that uses them'
+        of_operator = document.get("reading", {}).keys() <= {"operator", "points"}
+        faults += [
+            source.fault(name, None, "has no effect without [forward]", remedy)
+            for name in ("forward", "parameters", "reading")
+            if name in document and not (name == "reading" and of_operator)
+        ]
+    if not faults:
+        faults += _wrong_operator(settings, document.get("reading", {}), source)
+    return settings, tuple(faults)
 
 
-def _suggest(table: str, key: str) -> str:
-    elsewhere = [entry.table for entry in ENTRIES if entry.key == key]
+def _suggestion(table: str, key: str) -> str:
+    elsewhere = [name for name, keys in KEYS.items() if key in keys]
     if elsewhere:
         place = f"under [{elsewhere[0]}]" if elsewhere[0] else "above the first [table]"
         return f"it belongs {place}"
-    known = [entry.key for entry in ENTRIES if entry.table == table]
-    known += TABLES if not table else ()
+    known = [*KEYS[table], *(() if table else TABLES)]
     best = nearest(key, known, cutoff=0.5)
     return f"did you mean {best!r}?" if best else f"known here: {', '.join(known)}"
 
 
-_NEAREST: Mapping[str, tuple[str, ...]] = {"effort": EFFORTS, "law": MATERIAL_LAWS}
-"""Keys for which a misspelt value gets a suggestion."""
-
-
-def _wrong_value(entry: _Entry, value: object, text: str) -> Fault:
-    remedy = f"give {entry.wanted}"
-    if entry.accepted is _Size and isinstance(value, dict):
-        remedy = _wrong_law(value) or remedy
-    if entry.field in _NEAREST and isinstance(value, str):
-        best = nearest(value, _NEAREST[entry.field])
-        remedy += f"; did you mean {best!r}?" if best else ""
+def _wrong_value(table: str, key: str, value: object, source: _Source) -> Fault:
+    remedy = f"give {KEYS[table][key]}"
+    words: Mapping[str, tuple[str, ...]] = {"effort": EFFORTS, "law": MATERIAL_LAWS}
+    best = nearest(value, words.get(key, ())) if isinstance(value, str) else None
     if isinstance(value, dict):
+        if table == "actuator" and _ACTUATOR[key][0] is _Size:
+            try:
+                law_from_mapping(value)
+            except ValueError as error:
+                remedy = str(error)
         unknown = [key for key in value if key not in KNOWN]
         best = nearest(unknown[0], KNOWN, cutoff=0.5) if unknown else None
-        remedy += f"; did you mean {best!r}?" if best else ""
-    row, column = _row_of(text, entry.table, entry.key), _dotted(entry.table, entry.key)
-    return Fault(FILE, "is not a valid value", remedy, row, column, _as_written(value))
-
-
-def _wrong_law(value: Mapping[str, object]) -> str:
-    """Say what is wrong with a law; empty if valid."""
-    try:
-        law_from_mapping(value)
-    except ValueError as error:
-        return str(error)
-    return ""
+    remedy += f"; did you mean {best!r}?" if best else ""
+    return source.fault(table, key, "is not a valid value", remedy, value)
 
 
 def _read_priors(
-    table: Mapping[str, Any], text: str
-) -> tuple[dict[str, Distribution], tuple[Fault, ...]]:
+    table: Mapping[str, Any], source: _Source
+) -> tuple[dict[str, Distribution], list[Fault]]:
     priors, faults = {}, []
     for name, value in _flattened(table).items():
-        row = _row_of(text, "priors", name)
-        place = (row, _dotted("priors", name), _as_written(value))
         if not isinstance(value, dict):
             remedy = 'write for example { law = "normal", mean = 0.6, sd = 0.1 }'
-            faults.append(Fault(FILE, "is not a law", remedy, *place))
+            faults.append(source.fault("priors", name, "is not a law", remedy, value))
             continue
         try:
             priors[name] = law_from_mapping(value)
         except ValueError as error:
-            faults.append(Fault(FILE, "is not a law", str(error), *place))
-    return priors, tuple(faults)
+            faults.append(source.fault("priors", name, "is not a law", str(error), value))
+    return priors, faults
 
 
 def _flattened(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -1265,32 +1175,117 @@ def _flattened(table: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def _dotted(table: str, key: str) -> str:
-    return f"{table}.{key}" if table else key
+def _read_parameters(
+    table: Mapping[str, Any], source: _Source
+) -> tuple[tuple[Parameter, ...], list[Fault]]:
+    """Read ``[parameters]``: laws with unit and meaning."""
+    found, faults = [], []
+    for name, value in table.items():
+        problem, remedy = "is not a law", ""
+        if not isinstance(value, dict):
+            remedy = 'write for example { law = "normal", mean = 9.8, sd = 0.5, unit = "m/s²" }'
+        else:
+            words = {key: value[key] for key in ("unit", "meaning") if key in value}
+            if not all(isinstance(word, str) for word in words.values()):
+                problem, remedy = "has a unit or meaning that is not text", "quote it"
+            elif not name.strip():
+                problem, remedy = "has no name", "write for example [parameters.g]"
+            else:
+                try:
+                    law = law_from_mapping({k: v for k, v in value.items() if k not in words})
+                    found.append(Parameter(name, law, **words))
+                except ValueError as error:
+                    remedy = str(error)
+        if remedy:
+            faults.append(source.fault("parameters", name, problem, remedy, value))
+    return tuple(found), faults
 
 
-def _as_written(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, dict):
-        pairs = (f"{key} = {_as_written(entry)}" for key, entry in value.items())
-        return f"{{ {', '.join(pairs)} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(_as_written(entry) for entry in value)}]"
-    return f'"{value}"' if isinstance(value, str) else str(value)
+def _of_other_kinds(kind: Kind, table: Mapping[str, Any], source: _Source) -> Iterator[Fault]:
+    """Refuse dimensions that actuators of this family do not have."""
+    for key, value in table.items():
+        owners = [_as_written(name) for name, known in _DIMENSIONS.items() if key in known]
+        if owners and key not in _DIMENSIONS[kind]:
+            problem = f"is not a dimension of a {kind} actuator"
+            remedy = f"remove it, or write kind = {' or '.join(owners)}"
+            yield source.fault("actuator", key, problem, remedy, value)
 
 
-def _row_of(text: str, table: str, key: str | None) -> int | None:
-    """Find the line of a key or table header, which `tomllib` does not report."""
-    here = ""
-    for row, line in enumerate(text.splitlines(), start=1):
-        header = re.match(r"\s*\[\s*([\w.\-\"']+)\s*\]", line)
-        if header:
-            here = header[1].replace('"', "").replace("'", "")
-            if here == (table if key is None else _dotted(table, key)):
-                return row
-        elif key is not None and here == table:
-            name = line.partition("=")[0].strip().strip("\"'")
-            if name == key or name.startswith(f"{key}."):
-                return row
-    return None
+def _wrong_layer(tables: Mapping[str, Any], source: _Source) -> Iterator[Fault]:
+    """Refuse two thicknesses, an elastomer without what it needs, and its constants elsewhere."""
+    layer, paper = tables.get("constraint", {}), tables.get("paper", {})
+    if "thickness" in layer and "thickness" in paper:
+        problem = "repeats paper.thickness, which is of the same layer"
+        yield source.fault(
+            "constraint", "thickness", problem, "remove one of them", layer["thickness"]
+        )
+    if layer.get("kind") == "elastomer":
+        for name, unit in {"thickness": "mm", "C1": 'MPa, with unit = "MPa"'}.items():
+            if name not in layer.keys() | paper.keys():
+                problem, remedy = (
+                    f"is an elastomer without {name}",
+                    f"give [constraint] {name} in {unit}",
+                )
+                yield source.fault("constraint", "kind", problem, remedy, "elastomer")
+        return
+    for key in ("C1", "C2", "C3", "unit"):
+        if key in layer:
+            problem = "is for an elastomer layer, but kind is not elastomer"
+            remedy = 'remove it, or write kind = "elastomer"'
+            yield source.fault("constraint", key, problem, remedy, layer[key])
+
+
+def _uncertain(
+    laws: Mapping[str, Distribution], dimensions: AnyDimensions, layer: Constraint, source: _Source
+) -> tuple[tuple[UncertainDimension, ...], list[Fault]]:
+    """Return the ranges of uncertain dimensions; refuse impossible ones."""
+    impossible = [("actuator", one) for one in dimensions.problems()]
+    impossible = impossible or [("constraint", one) for one in layer.problems(dimensions)]
+    if impossible:
+        usual = "change the dimensions so that an actuator can be made"
+        parts = ((table, *one.partition("; ")) for table, one in impossible)
+        return (), [source.fault(t, None, what, remedy or usual) for t, what, _, remedy in parts]
+    if not laws:
+        return (), []
+
+    def problems(values: Mapping[str, float]) -> tuple[str, ...]:
+        made = type(dimensions)(**(vars(dimensions) | dict(values)))
+        return made.problems() or layer.problems(made)
+
+    found, faults = list[UncertainDimension](), list[Fault]()
+    for name, law in laws.items():
+        try:
+            found.append(uncertain_dimension(name, law, problems))
+        except ValueError as error:
+            remedy = "give a narrower law, or bounds"
+            faults.append(source.fault("actuator", name, str(error), remedy))
+    if len(laws) > MOST:
+        remedy = "give numbers for the least important dimensions"
+        problem = f"is one of more than {MOST} uncertain dimensions"
+        faults.append(source.fault("actuator", list(laws)[MOST], problem, remedy))
+    if not faults:
+        for wrong in next(filter(None, map(problems, corners(tuple(found)))), ())[:1]:
+            problem = f"conflicts with the other dimensions: {wrong}"
+            faults.append(source.fault("actuator", found[-1].name, problem, "give narrower laws"))
+    return () if faults else tuple(found), faults
+
+
+def _wrong_operator(
+    settings: Settings, stated: Mapping[str, Any], source: _Source
+) -> Iterator[Fault]:
+    """Refuse an operator that is unknown for this actuator, or without its control points."""
+    operator, points = settings.reading.operator, settings.reading.points
+    is_known = settings.forward is None and settings.is_default_mould
+    if operator not in (None, "angle_over_arc") and not is_known:
+        problem = "is available for the default actuator only"
+        remedy = "read the end face's rotation over the arc length and write angle_over_arc"
+        yield source.fault("reading", "operator", problem, remedy, operator)
+    least, most = POINTS_OF["kappa"]
+    if operator == "kappa" and not ("points" in stated and least <= points <= most):
+        problem = f"must be {least} to {most} with kappa, whose reading depends on it"
+        remedy = "give the curves' number of control points, or export their points as markers.csv"
+        if "points" in stated:
+            yield source.fault("reading", "points", problem, remedy, points)
+        else:
+            row, value = source.row("reading", "operator"), "not stated"
+            yield Fault(FILE, problem, remedy, row, "reading.points", value)

@@ -12,92 +12,13 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bayesdeg.data.settings import Mixture, MixtureRecipe
+
 Floats = npt.NDArray[np.float64]
 Masses = tuple[Floats, Floats, Floats]
 
 SMALL = 1e-4
 """Relative step of derivatives; their error is one part in 1e8."""
-
-
-@dataclass(frozen=True)
-class Mixture:
-    """The poured mixture: parts by mass and densities [g/cm³].
-
-    The densities are assumed, since the source states none: published values are 1.27 to 1.44 for
-    gelatin, 1.26 for glycerol and 1.00 for water.
-
-    Parameters
-    ----------
-    gelatin, glycerol, water : float
-        Parts by mass M_Gel : M_Gly : M_0w.
-    gelatin_density, glycerol_density, water_density : float
-        [g/cm³]
-    """
-
-    gelatin: float = 2.0
-    glycerol: float = 1.0
-    water: float = 8.0
-    gelatin_density: float = 1.35
-    glycerol_density: float = 1.26
-    water_density: float = 1.00
-
-    @property
-    def total(self) -> float:
-        """Sum of the parts, M_0."""
-        return self.gelatin + self.glycerol + self.water
-
-    @property
-    def solids(self) -> float:
-        """Mass share of gelatin and glycerol, which stay when all water is lost."""
-        return (self.gelatin + self.glycerol) / self.total
-
-
-@dataclass(frozen=True)
-class Known:
-    """A number with its standard uncertainty.
-
-    Parameters
-    ----------
-    value : float
-        The number.
-    sd : float
-        Its standard uncertainty, in the same unit; 0 where it is taken as exact.
-    """
-
-    value: float
-    sd: float = 0.0
-
-
-@dataclass(frozen=True)
-class MixtureRecipe:
-    """Composition of a `Mixture` with uncertainties; the defaults are taken as exact.
-
-    All films of a study share it, so its errors are common to them and no average removes them.
-
-    Parameters
-    ----------
-    gelatin, glycerol, water : Known
-        Parts by mass.
-    gelatin_density, glycerol_density, water_density : Known
-        [g/cm³]
-
-    Examples
-    --------
-    >>> MixtureRecipe(gelatin_density=Known(1.35, 0.05)).mixture == Mixture()
-    True
-    """
-
-    gelatin: Known = Known(Mixture.gelatin)
-    glycerol: Known = Known(Mixture.glycerol)
-    water: Known = Known(Mixture.water)
-    gelatin_density: Known = Known(Mixture.gelatin_density)
-    glycerol_density: Known = Known(Mixture.glycerol_density)
-    water_density: Known = Known(Mixture.water_density)
-
-    @property
-    def mixture(self) -> Mixture:
-        """The mixture at the given values."""
-        return Mixture(**{entry.name: getattr(self, entry.name).value for entry in fields(self)})
 
 
 def component_masses(
@@ -413,6 +334,7 @@ def recipe_error(masses: Masses, recipe: MixtureRecipe) -> float:
     --------
     A density of gelatin known to ± 0.05 g/cm³ moves V_1 = 13.0231 cm³ by 5.4545 × 0.05/1.35²:
 
+    >>> from bayesdeg.data.settings import Known
     >>> films = (np.array([30.0]), np.array([15.0]), np.array([10.0]))
     >>> round(recipe_error(films, MixtureRecipe(gelatin_density=Known(1.35, 0.05))), 4)
     0.0044

@@ -1,7 +1,8 @@
 """Read a study folder: settings and checked tables, or all faults at once."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from hashlib import sha256
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import AnyDimensions, Settings, parse_settings
 from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
-from bayesdeg.data.unused import Unused, Why, at_rest, unused_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, UNLOADING
@@ -37,6 +37,88 @@ TOLD_ONE_BY_ONE = 5
 LARGEST_SLIP = 0.03
 #: Statistics that concern degradation or shrinkage at any rate.
 OF_DEGRADATION = ("volume_ratio", "mass_loss_slope")
+
+
+class Why(StrEnum):
+    """Reason why rows are not used."""
+
+    AFTER_BURST = "after_burst"
+    OUTSIDE_RANGE = "outside_stretch_range"
+    UNDEFORMED = "undeformed"
+    UNLOADED = "unloaded"
+    BEYOND_REACH = "beyond_reach"
+    SET_ASIDE = "set_aside"
+
+
+@dataclass(frozen=True)
+class Unused:
+    """Rows of a file that no likelihood uses.
+
+    Parameters
+    ----------
+    file : str
+        Its name.
+    why : Why
+        The reason.
+    rows : int
+        Number of rows, at least one.
+    specimens : tuple of str
+        Specimens of these rows.
+    """
+
+    file: str
+    why: Why
+    rows: int
+    specimens: tuple[str, ...]
+
+
+def unused_of(file: str, why: Why, table: pd.DataFrame) -> tuple[Unused, ...]:
+    """Return the entry for unused rows; empty if there are none.
+
+    Examples
+    --------
+    >>> rows = pd.DataFrame({"specimen_id": ["a", "a", "b"]})
+    >>> unused_of("force.csv", Why.UNLOADED, rows)[0].specimens
+    ('a', 'b')
+    """
+    if table.empty:
+        return ()
+    named = table["specimen_id"].astype(str) if "specimen_id" in table else pd.Series(dtype=str)
+    return (Unused(file, why, len(table), tuple(dict.fromkeys(named))),)
+
+
+def undeformed(tensile: pd.DataFrame) -> pd.Series:
+    """Return which film rows have a stretch of exactly 1 and a stress of exactly 0.
+
+    Every material law, with any cause, satisfies them, so they carry no information; and an exactly
+    met prediction lets a density grow without bound as its error shrinks.
+
+    Examples
+    --------
+    >>> films = pd.DataFrame({"stretch": [1.0, 1.0, 1.2], "stress_MPa": [0.0, 0.001, 0.0]})
+    >>> undeformed(films).tolist()
+    [True, False, False]
+    """
+    return (tensile["stretch"] == 1.0) & (tensile["stress_MPa"] == 0.0)
+
+
+def at_rest(tables: Iterable[tuple[str, pd.DataFrame | None]]) -> tuple[Unused, ...]:
+    """Return the rows of tables without load, whose readings are 0 by the laws or by definition.
+
+    Parameters
+    ----------
+    tables : iterable of (str, DataFrame or None)
+        Films or actuators, with the names of their files.
+    """
+    found: list[Unused] = []
+    for file, table in tables:
+        if table is None:
+            continue
+        if "stretch" in table:
+            found += unused_of(file, Why.UNDEFORMED, table[undeformed(table)])
+        else:
+            found += unused_of(file, Why.UNLOADED, table[table["pressure_kPa"] == 0.0])
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -438,7 +520,7 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
         wrong_settings += unmapped
     checked = {
         name: check_table(
-            read[table.file], table.schema, degradation_sd_pct=settings.degradation_sd_pct
+            read[table.file], table.schema, degradation_sd_pct=settings.noise.degradation_sd_pct
         )
         for name, table in tables.items()
         if table.file in contents
@@ -450,7 +532,7 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
         faults += _absent_modes(settings, checked["tensile"].frame)
     if not faults and "tensile" in checked:
         faults += _unloading(checked["tensile"].frame)
-    if not faults and settings.stretch_range is not None:
+    if not faults and settings.material.stretch_range is not None:
         faults += _empty_range(settings, checked.get("tensile"))
     if not faults and "shrinkage" in checked:
         faults += _too_light(settings, checked["shrinkage"].frame)
@@ -471,7 +553,7 @@ def with_part(
     if Path(stated.file).name != stated.file:
         problem = "is not a file next to study.toml"
         return settings, (Fault(SETTINGS_FILE, problem, "put the mesh there", *place),)
-    if settings.constraint.is_slab or settings.constraint_height_mm is not None:
+    if settings.layer.is_slab or settings.constraint.height is not None:
         problem = "sets the place or material of a layer, which the mesh defines"
         remedy = "for paper or film, name a flat boundary of the mesh constraint"
         return settings, (Fault(SETTINGS_FILE, problem, remedy, None, "constraint"),)
@@ -492,8 +574,10 @@ def with_part(
         path=str((folder / stated.file).resolve()),
         content=part.content,
     )
-    kind = settings.constraint_kind if "constraint" in part.sides else "none"
-    return replace(settings, dimensions=found, constraint_kind=kind), ()
+    kind = settings.constraint.kind if "constraint" in part.sides else "none"
+    return replace(
+        settings, dimensions=found, constraint=replace(settings.constraint, kind=kind)
+    ), ()
 
 
 def _own_study(
@@ -512,11 +596,14 @@ def _own_study(
         problem = "is not used by a study with its own forward map"
         faults.append(Fault(name, problem, "remove it, or remove [forward] from study.toml"))
     if readings.FILE not in contents:
-        remedy = f"add it: a row per reading, with columns {forward.reading} and one for each input"
+        name = settings.reading.name
+        remedy = f"add it: a row per reading, with columns {name} and one for each input"
         raise StudyError([*faults, Fault(readings.FILE, "is missing", remedy)])
     content = contents[readings.FILE]
-    table, inputs, missing = readings.readings_table(content, forward)
-    checked = check_table(content, table.schema, degradation_sd_pct=settings.degradation_sd_pct)
+    table, inputs, missing = readings.readings_table(content, settings)
+    checked = check_table(
+        content, table.schema, degradation_sd_pct=settings.noise.degradation_sd_pct
+    )
     code, unreadable = _read_code(folder, forward.function.partition(":")[0])
     faults += [*missing, *checked.faults, *unreadable]
     if faults:
@@ -545,9 +632,9 @@ def _read_code(folder: Path, model: str) -> tuple[dict[str, bytes], list[Fault]]
 def _absent_modes(settings: Settings, tensile: pd.DataFrame) -> Iterator[Fault]:
     """Refuse modes without curves, as nothing would be fitted."""
     there = sorted(set(tensile["mode"]))
-    if set(settings.fit_modes) & set(there):
+    if set(settings.tensile.fit_modes) & set(there):
         return
-    asked = ", ".join(settings.fit_modes)
+    asked = ", ".join(settings.tensile.fit_modes)
     problem = "names no mode that has a curve in tensile.csv, so none would be fitted"
     remedy = f"name at least one of {', '.join(there)}, or leave the key out to fit all"
     yield Fault(SETTINGS_FILE, problem, remedy, None, "tensile.fit_modes", asked)
@@ -597,11 +684,11 @@ def _unloading(tensile: pd.DataFrame) -> Iterator[Fault]:
 
 def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[Fault]:
     """Refuse a stretch range that contains no reading of a fitted mode."""
-    place = (None, "material.stretch_range", str(list(settings.stretch_range or ())))
+    place = (None, "material.stretch_range", str(list(settings.material.stretch_range or ())))
     if tensile is None:
         yield Fault(SETTINGS_FILE, "has no effect without tensile.csv", "remove the key", *place)
         return
-    fitted = tensile.frame[tensile.frame["mode"].isin(settings.fit_modes)]
+    fitted = tensile.frame[tensile.frame["mode"].isin(settings.tensile.fit_modes)]
     if not in_range(settings, fitted).any():
         problem = "leaves no reading of tensile.csv to fit"
         low, high = fitted["stretch"].min(), fitted["stretch"].max()
@@ -612,13 +699,13 @@ def _empty_range(settings: Settings, tensile: CheckedTable | None) -> Iterator[F
 
 def in_range(settings: Settings, tensile: pd.DataFrame) -> pd.Series:
     """Return which film readings lie in the stretch range."""
-    low, high = settings.stretch_range or (0.0, np.inf)
+    low, high = settings.material.stretch_range or (0.0, np.inf)
     return tensile["stretch"].between(low, high)
 
 
 def _too_light(settings: Settings, shrinkage: pd.DataFrame) -> Iterator[Fault]:
     """Refuse films that weigh less than the gelatin and glycerol poured."""
-    solids = settings.recipe.mixture.solids
+    solids = settings.shrinkage.mixture.solids
     share = shrinkage["mass_conditioned_g"] / shrinkage["mass_poured_g"]
     for row in shrinkage[share < solids].to_dict("records"):
         weight = float(row["mass_conditioned_g"])

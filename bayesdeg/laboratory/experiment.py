@@ -26,8 +26,8 @@ from bayesdeg.causes.cause import (
 from bayesdeg.causes.fold import Acting, applied
 from bayesdeg.data.batches import batch_numbers, batch_order
 from bayesdeg.data.moisture import mass_loss_from_degradation, saturating
-from bayesdeg.data.settings import RuptureCriterion
-from bayesdeg.data.shrinkage import Mixture, film_volume
+from bayesdeg.data.settings import Mixture, RuptureCriterion
+from bayesdeg.data.shrinkage import film_volume
 from bayesdeg.data.study import Study
 from bayesdeg.data.tables import TABLES, Table
 from bayesdeg.errors import BayesdegError
@@ -235,12 +235,12 @@ def design_of(study: Study) -> Design:
         breaks=breaks,
         moisture=moisture,
         shrinkage=shrinkage,
-        mixture=study.settings.recipe.mixture,
+        mixture=study.settings.shrinkage.mixture,
         bend_angle=study.actuator is None or "bend_angle_deg" in recorded,
         cavity_volume="cavity_volume_ml" in recorded,
         breaking=Breaking(
-            study.settings.rupture_criterion,
-            geometry_of_study(study.settings).volume / study.settings.film_volume_mm3,
+            study.settings.rupture.criterion,
+            geometry_of_study(study.settings).volume / study.settings.rupture.film_volume,
         ),
         force=force,
     )

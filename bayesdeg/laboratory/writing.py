@@ -1,6 +1,6 @@
 """Write a virtual experiment as the text of its files."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -10,9 +10,8 @@ from pydantic import Field
 
 import bayesdeg
 from bayesdeg.actuator.status import MODEL_VERSION
-from bayesdeg.data.settings import ENTRIES, AnyDimensions, Settings, VendorFigures
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
-from bayesdeg.data.shrinkage import Known, MixtureRecipe
+from bayesdeg.data.settings import KEYS, MODELS, Known, Settings, VendorFigures
 from bayesdeg.files import spreadsheet_safe
 from bayesdeg.laboratory.experiment import VIRTUAL_TABLES, VirtualExperiment
 from bayesdeg.priors import LAWS, Distribution
@@ -24,6 +23,8 @@ VIRTUAL_FILES = (
     *(SETTINGS_FILE, TRUTH_FILE),
     *(table.file for table in VIRTUAL_TABLES.values()),
 )
+#: Tables of study.toml that describe other data, or a user's own forward map.
+NOT_SIMULATED = {"forward", "photographs", "markers", "captures"}
 #: First words of every file except `TRUTH_FILE`.
 FIRST_WORDS = "# virtual experiment made by"
 NOTE = (
@@ -146,34 +147,39 @@ def settings_text(settings: Settings) -> str:
 
     Examples
     --------
-    >>> print(settings_text(Settings(seed=7, effort="quick")))
+    >>> print(settings_text(Settings(seed=7, paper=Paper(0.2))))
     seed = 7
     <BLANKLINE>
-    [sampling]
-    effort = "quick"
+    [paper]
+    thickness = 0.2
     <BLANKLINE>
     """
-    written: dict[str, Any] = {}
-    uncertain = {one.name: one.law for one in settings.uncertain}
-    for entry in ENTRIES:
-        holders = (settings, settings.dimensions, settings.recipe, settings.vendor)
-        holder = next((one for one in holders if _holds(one, entry.field)), None)
-        if holder is None:  # of a user's own forward map, which no virtual experiment has
-            continue
-        value = getattr(holder, entry.field)
-        is_law = entry.table == "actuator" and entry.key in uncertain
-        if entry.key == "seed" or is_law or value != getattr(type(holder)(), entry.field):
-            table = written.setdefault(entry.table, {}) if entry.table else written
-            table[entry.key] = _plain_law(uncertain[entry.key]) if is_law else _plain(value)
-    if settings.priors:
-        written["priors"] = {name: _plain_law(law) for name, law in settings.priors.items()}
-    return tomli_w.dumps(written)
+    laws = {one.name: _plain_law(one.law) for one in settings.uncertain}
+    mould = settings.dimensions
+    family: dict[str, object] = (
+        {"kind": mould.kind} if mould.kind != Settings().dimensions.kind else {}
+    )
+    sizes = family | _stated(mould, KEYS["actuator"]) | laws
+    tables: dict[str, Mapping[str, object]] = {
+        "actuator": {key: sizes[key] for key in KEYS["actuator"] if key in sizes}
+    }
+    for table in KEYS:
+        if table in MODELS and table not in NOT_SIMULATED:
+            tables[table] = _stated(getattr(settings, table), KEYS[table])
+    tables["priors"] = {name: _plain_law(law) for name, law in settings.priors.items()}
+    written = _stated(settings, KEYS[""]) | {"seed": settings.seed}
+    return tomli_w.dumps(written | {name: table for name, table in tables.items() if table})
 
 
-def _holds(record: Settings | AnyDimensions | MixtureRecipe | VendorFigures, name: str) -> bool:
-    """Return whether a record stores a key's value; derived values are not stored."""
-    is_family = isinstance(record, Settings) and name == "kind"
-    return is_family or name in {entry.name for entry in fields(record) if not entry.metadata}
+def _stated(record: Any, keys: Iterable[str]) -> dict[str, object]:
+    """Return the values of keys that differ from their default; values read from a mesh do not."""
+    stored = {entry.name for entry in fields(record) if "is_read" not in entry.metadata}
+    usual = type(record)()
+    return {
+        key: _plain(getattr(record, key))
+        for key in keys
+        if key in stored and getattr(record, key) != getattr(usual, key)
+    }
 
 
 def _plain_law(law: Distribution) -> dict[str, object]:

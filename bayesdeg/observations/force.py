@@ -285,7 +285,7 @@ def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:
         return ()
     if study.actuator is not None:
         return (HeldTip(tests),)
-    mould, constraint = study.geometry, study.settings.constraint
+    mould, constraint = study.geometry, study.settings.layer
     if not (isinstance(mould, Dimensions) and constraint.is_membrane and not constraint.height):
         problem = "is for an actuator whose tip force cannot be computed"
         remedy = "remove the file: only pneunets with paper on the bottom are supported"

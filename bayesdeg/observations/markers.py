@@ -147,7 +147,7 @@ def with_lines(study: Study) -> Study:
     table = study.table(TABLE.name)
     if table is None:
         return study
-    operator: Operator = study.settings.operator or "angle_over_arc"
+    operator: Operator = study.settings.reading.operator or "angle_over_arc"
     _refuse(study, _wrong_study(study, operator, table))
     lines = [line for _, line in table.groupby(_line_numbers(table), sort=False)]
     points = [_points(line) for line in lines]

@@ -81,7 +81,7 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
                     )
                 )
     if study.shrinkage is not None and len(study.shrinkage) > 1:
-        mean, dof = mean_over_films(film_masses(study.shrinkage), study.settings.recipe)
+        mean, dof = mean_over_films(film_masses(study.shrinkage), study.settings.shrinkage)
         source = f"shrinkage.csv, {mean.count} films"
         found.append(Statistic("volume_ratio", 0.0, mean.value, mean.standard_error, source, dof))
     vendor = study.settings.vendor

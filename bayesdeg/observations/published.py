@@ -283,7 +283,9 @@ def _tests_of(study: Study) -> PublishedTests | None:
     )
     tests = PublishedTests(
         degradation=np.array(levels),
-        degradation_sd=np.where(np.array(levels) > 0.0, study.settings.degradation_sd_pct, 0.0),
+        degradation_sd=np.where(
+            np.array(levels) > 0.0, study.settings.noise.degradation_sd_pct, 0.0
+        ),
         pressure=PRESSURES,
         tested=np.array([tested.get(level, SPECIMENS) for level in levels]),
         r_squared=r_squared,

@@ -14,8 +14,7 @@ from bayesdeg.causes.cause import FilmConditions
 from bayesdeg.causes.fold import applied
 from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order
-from bayesdeg.data.study import Study
-from bayesdeg.data.unused import undeformed
+from bayesdeg.data.study import Study, undeformed
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.arrays import chosen, padded
@@ -126,7 +125,9 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
     table = study.tensile
     if table is None:
         return None
-    table = table[(table["mode"].isin(study.settings.fit_modes) == fitted) & ~undeformed(table)]
+    table = table[
+        (table["mode"].isin(study.settings.tensile.fit_modes) == fitted) & ~undeformed(table)
+    ]
     if table.empty:
         return None
     # sorted by stretch, so that row order does not matter

@@ -9,8 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.suspects import Anomaly, Suspect
-from bayesdeg.data.study import Study
-from bayesdeg.data.unused import Unused, Why, unused_of
+from bayesdeg.data.study import Study, Unused, Why, unused_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import ACTUATOR
 from bayesdeg.observations.kinds import Places

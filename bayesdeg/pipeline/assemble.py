@@ -158,21 +158,21 @@ def _assemble_study(study: Study) -> Assembly:
     own, causes, stated = user_map(study), own_causes(study), study.settings
     assert stated.forward is not None
     try:
-        base = own.model(stated.forward.parameters)
+        base = own.model(stated.parameters)
     except BayesdegError as fault:
         raise StudyError([Fault("study.toml", str(fault), "rename one of them")]) from fault
     check_priors(stated.priors, with_causes(base.base, causes).names)
     tried = tuple(
         replace(one, parameters=stated_priors(one, study))
         for one in causes
-        if stated.candidates is None or one.name in stated.candidates
+        if stated.causes.candidates is None or one.name in stated.causes.candidates
     )
     known = [cause.name for cause in causes]
     unknown = [
         Fault("study.toml", "is not a cause of this study",
               use_one_of(name, known) if known else "add causes/NAME.py",
               None, "causes.candidates", name)
-        for name in stated.candidates or () if name not in known
+        for name in stated.causes.candidates or () if name not in known
     ]  # fmt: skip
     if unknown:
         raise StudyError(unknown)
@@ -210,20 +210,20 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         forward = surrogate_for(geometry, forward)
         refuse_lacking(forward, plan.asked, plan.dimensions)
     if plan.has_actuators and forward is not None:
-        points, of_line = study.settings.reading_points, study.line_points
+        points, of_line = study.settings.reading.points, study.line_points
         forward = as_read(
-            forward, study.settings.operator, of_line or points, of_line=of_line is not None
+            forward, study.settings.reading.operator, of_line or points, of_line=of_line is not None
         )
     world = FilmsAndActuators(
         nodes=plan.nodes,
         elongation_nodes=plan.elongation_nodes or (0.0,),
         forward=no_map if forward is None or not plan.needs_forward else forward,
-        paper_thickness=study.settings.paper_thickness_mm,
+        paper_thickness=study.settings.paper.thickness,
         largest_pressure=plan.largest,
-        criterion=study.settings.rupture_criterion,
-        size_ratio=geometry.volume / study.settings.film_volume_mm3,
+        criterion=study.settings.rupture.criterion,
+        size_ratio=geometry.volume / study.settings.rupture.film_volume,
         degrades=plan.degrades,
-        law=study.settings.law,
+        law=study.settings.material.law,
         stiffening=_stiffening(study, plan),
         dimensions=tuple(one.name for one in plan.dimensions),
     )
@@ -247,7 +247,11 @@ def batches_of(study: Study) -> dict[str, str]:
 
 def _stiffening(study: Study, plan: Outline) -> float:
     """Return C3/C1 if C3 is not a parameter."""
-    return LEAST_STIFFENING if study.settings.law == "neo_hookean" and plan.needs_forward else 0.0
+    return (
+        LEAST_STIFFENING
+        if study.settings.material.law == "neo_hookean" and plan.needs_forward
+        else 0.0
+    )
 
 
 def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -349,11 +353,12 @@ def user_map(study: Study) -> UserMap:
         place = (None, "forward.function", forward.function)
         raise StudyError([Fault(SETTINGS_FILE, problem, remedy, *place)])
     called: Forward = code.watched(functions[name], name)
-    return UserMap((_own_readings(study, forward),), {forward.reading: called}, forward.function)
+    reading = study.settings.reading.name
+    return UserMap((_own_readings(study, forward),), {reading: called}, forward.function)
 
 
 def _own_readings(study: Study, forward: UserForward) -> Readings:
-    table = study.others[files.NAME]
+    table, reading = study.others[files.NAME], study.settings.reading
 
     def given(name: str, default: Any) -> Any:
         return table[name].to_numpy() if name in table else default
@@ -362,12 +367,12 @@ def _own_readings(study: Study, forward: UserForward) -> Readings:
     timed = files.TIME in (forward.inputs or ())
     return Readings(
         {name: table[name].to_numpy(np.float64) for name in forward.inputs or ()},
-        table[forward.reading].to_numpy(np.float64),
+        table[reading.name].to_numpy(np.float64),
         specimen=given(files.SPECIMEN, None),
-        name=forward.reading,
-        unit=forward.unit,
-        error=forward.error,
-        scatter=forward.scatter,
+        name=reading.name,
+        unit=reading.unit,
+        error=reading.error,
+        scatter=reading.scatter,
         level=given(files.LEVEL, 0.0) if leveled else 0.0,
         time=given(files.TIME, np.nan) if timed else np.nan,
         history=given(files.HISTORY, "once"),

@@ -164,7 +164,7 @@ class ModelledExperiment:
     @property
     def effort(self) -> Effort:
         """What the study states."""
-        return self.study.settings.effort
+        return self.study.settings.sampling.effort
 
     @property
     def seed(self) -> int:

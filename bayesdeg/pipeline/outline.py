@@ -166,14 +166,16 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
         If a candidate does not exist.
     """
     found = observations_of(study)
-    nodes = nodes_for(_levels(one.material_levels for one in found) or [0.0], study.settings.order)
+    nodes = nodes_for(
+        _levels(one.material_levels for one in found) or [0.0], study.settings.material.order
+    )
     elongation_levels = _levels(one.elongation_levels for one in found)
     by_vendor = not elongation_levels and _vendor_elongation(study, found)
     if by_vendor:
         elongation_levels = [0.0, *_levels(one.levels for one in found if one.uses_forward)]
     elongation_nodes = nodes_for(elongation_levels) if elongation_levels else ()
     degrades = study.degrades
-    law = study.settings.law
+    law = study.settings.material.law
     base = [*material_parameters(nodes, degrades=degrades, law=law), STIFFNESS_SCATTER]
     base += {p.name: p for one in found for p in one.parameters}.values()
     base += elongation_parameters(elongation_nodes, degrades=degrades) if elongation_nodes else ()
@@ -223,7 +225,7 @@ def _without(study: Study) -> frozenset[str]:
     is no layer stiffness.
     """
     of_size = frozenset() if study.degrades else frozenset(OF_DEGRADATION)
-    of_paper = frozenset() if study.settings.constraint.is_membrane else {PAPER_STIFFNESS}
+    of_paper = frozenset() if study.settings.layer.is_membrane else {PAPER_STIFFNESS}
     return (of_size - {*study.settings.priors}) | of_paper
 
 
@@ -235,7 +237,7 @@ def _asked(study: Study) -> list[Cause]:
     StudyError
         If it names one that is not in the catalogue.
     """
-    wanted = study.settings.candidates
+    wanted = study.settings.causes.candidates
     if wanted is not None:
         unknown = [
             Fault(FILE, "is not a cause", use_one_of(name, CATALOGUE),
@@ -380,7 +382,7 @@ def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) ->
 
     A mesh does not mark walls or exposed faces.
     """
-    if study.settings.kind != "mesh" or cause.on_inputs is None or not actuators:
+    if study.geometry.kind != "mesh" or cause.on_inputs is None or not actuators:
         return None
     one, conditions = np.ones((1, 1, 1)), actuators[0].curves.conditions
     plain = Inputs(conditions.pressure * one, one, 0.0 * one, one, one, one)

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 import bayesdeg
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.criticism.decide.verdict import Decision
+from bayesdeg.data.settings import SamplingOptions
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
@@ -147,14 +148,14 @@ def run_study(
     with clock.stage("read"):
         assembly = assemble_within_reach(study, forward)
         study = assembly.study or study
-    if study.settings.set_aside:
+    if study.settings.suspects.set_aside:
         with clock.stage("suspects"):
             progress.stage(OptionalStage.SUSPECTS)
             assembly = _without_suspects(study, assembly, forward, guard)
             study = assembly.study or study
     fit = partial(
         calibrate,
-        effort=EFFORTS[study.settings.effort],
+        effort=EFFORTS[study.settings.sampling.effort],
         checkpoints=checkpoints,
         progress=progress,
         executor=executor,
@@ -163,7 +164,7 @@ def run_study(
         base = fit(assembly.model, "base", seed=seeds.base)
     results = Results(assembly, base, base, None)
     if can_be_judged(base):
-        judging = (results, study.settings.effort, fit, forward, seeds, clock)
+        judging = (results, study.settings.sampling.effort, fit, forward, seeds, clock)
         results = _judged(*judging, progress=progress, executor=executor, guard=guard)
     if results.judgement is None:
         results = with_counts(results, seeds.verdict, guard)
@@ -362,7 +363,7 @@ def with_options(study: Study, effort: Effort | None = None, seed: int | None = 
     7
     """
     settings = study.settings
-    settings = replace(settings, effort=effort or settings.effort)
+    settings = replace(settings, sampling=SamplingOptions(effort or settings.sampling.effort))
     return replace(study, settings=settings if seed is None else replace(settings, seed=seed))
 
 
@@ -382,7 +383,7 @@ def _begun_examination(
     """Start the analysis of the films; None for a study with its own forward map."""
     if results.assembly.own is not None:
         return None
-    effort, model = EFFORTS[study.settings.effort], results.base.model
+    effort, model = EFFORTS[study.settings.sampling.effort], results.base.model
     begin = partial(begin_examination, effort=effort, seed=seeds.films, executor=executor)
     return guard.attempt(OptionalStage.ORDERS, begin, study, model)
 
@@ -452,7 +453,7 @@ def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
             bayesdeg.__version__,
             hashlib.sha256(emulator).hexdigest(),
             dict(study.hashes),
-            settings.effort,
+            settings.sampling.effort,
             settings.seed,
         ],
         sort_keys=True,

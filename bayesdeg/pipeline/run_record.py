@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import bayesdeg
 from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.criticism.checks.count_misfit import CountMisfit, can_be_counted
-from bayesdeg.data.shrinkage import Known
+from bayesdeg.data.settings import Known
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
@@ -225,7 +225,7 @@ def run_document(
         degrades=degrades,
         note=settings.note,
         seed=settings.seed,
-        effort=settings.effort,
+        effort=settings.sampling.effort,
         version=bayesdeg.__version__,
         versions=library_versions(),
         hashes=dict(study.hashes),

@@ -49,7 +49,11 @@ def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assemb
     """
     assembly = assemble_within_reach(study, forward)
     study = assembly.study or study
-    return without_suspects(study, assembly, forward) if study.settings.set_aside else assembly
+    return (
+        without_suspects(study, assembly, forward)
+        if study.settings.suspects.set_aside
+        else assembly
+    )
 
 
 def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | None) -> Assembly:

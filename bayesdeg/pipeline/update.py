@@ -246,7 +246,7 @@ def _extended(of: FinishedRun, content: bytes, name: str) -> tuple[ExtendedTable
     BayesdegError
         If the run's model cannot take them in.
     """
-    study, sd = of.study, of.study.settings.degradation_sd_pct
+    study, sd = of.study, of.study.settings.noise.degradation_sd_pct
     recorded = read_bytes(study.folder / FILE, most_mb=STUDY_MB)
     before = study
     if of.earlier is not None:

@@ -337,7 +337,7 @@ def _moisture(study: Study) -> list[dict[str, object]]:
 def _volume_ratios(study: Study) -> list[dict[str, object]]:
     """Return α by Eqs 15 and 16, for comparison with that from the components' volumes."""
     assert study.shrinkage is not None
-    printed = mean_as_printed(film_masses(study.shrinkage), study.settings.recipe)
+    printed = mean_as_printed(film_masses(study.shrinkage), study.settings.shrinkage)
     return [
         {
             "quantity": "volume ratio by Eqs 15 and 16",
@@ -568,7 +568,7 @@ class TableSources:
     def soil(self) -> Soil | None:
         """The course of degradation in the soil; None without film moisture."""
         course = self.results.course
-        kept = EFFORTS[self.study.settings.effort].kept
+        kept = EFFORTS[self.study.settings.sampling.effort].kept
         return self.known_soil if course is None else course.soil(kept)
 
     @property
@@ -632,7 +632,7 @@ def write_results(
     for name, compute in (of_checks | of_films).items():
         files.table(name, compute)
     if results.course is not None:
-        kept = EFFORTS[study.settings.effort].kept
+        kept = EFFORTS[study.settings.sampling.effort].kept
         files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
     if results.averaged is not None:
         files.tree(POSTERIOR_AVERAGED, partial(stored_form, results.averaged))
@@ -660,7 +660,7 @@ def write_posteriors(
     study, files, results, generator
         As of `write_results`, to which the generator goes next.
     """
-    kept = EFFORTS[study.settings.effort].kept
+    kept = EFFORTS[study.settings.sampling.effort].kept
     for name, fit in ((POSTERIOR_BASE, results.base), (POSTERIOR, results.final)):
         files.posterior(name, fit, generator, kept=kept)
 
@@ -884,7 +884,7 @@ def _pushes(judgement: Judgement) -> pd.DataFrame | None:
 
 def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     """Return outlying data of the study, and data that are unlikely by their columns."""
-    if not (found.study.settings.set_aside or found.results.assembly.beyond):
+    if not (found.study.settings.suspects.set_aside or found.results.assembly.beyond):
         return None
     rows = [
         {

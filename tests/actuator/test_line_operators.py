@@ -124,7 +124,7 @@ def test_map_predicts_the_operator_and_its_slope():
 def test_settings_state_the_operator():
     settings, faults = parse_settings(b'[reading]\noperator = "circle"\npoints = 12\n')
     assert not faults
-    assert (settings.operator, settings.reading_points) == ("circle", 12)
+    assert (settings.reading.operator, settings.reading.points) == ("circle", 12)
     assert parse_settings(b"")[0].operator is None
     _, faults = parse_settings(b'[reading]\noperator = "parabola"\n')
     assert "circle" in str(faults[0])
@@ -212,4 +212,4 @@ def test_the_number_of_control_points_must_be_stated(points):
 def test_a_study_states_its_control_points():
     settings, faults = parse_settings(b'[reading]\noperator = "kappa"\npoints = 6\n')
     assert not faults
-    assert (settings.operator, settings.reading_points) == ("kappa", 6)
+    assert (settings.reading.operator, settings.reading.points) == ("kappa", 6)

@@ -31,7 +31,7 @@ PRESSURES = np.array([[20.0, 60.0, 120.0, 180.0]])
 def geometry_of_file(path):
     settings, faults = with_part(path.parent, Settings(), MeshDimensions(file=path.name))
     assert faults == ()
-    return geometry_of(settings.dimensions, settings.constraint)
+    return geometry_of(settings.dimensions, settings.layer)
 
 
 def inputs(**changed):

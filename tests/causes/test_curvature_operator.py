@@ -9,7 +9,7 @@ import pytest
 from bayesdeg.actuator.reading import operator_ratio
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.curvature_operator import ARC
-from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.settings import Dimensions, Layer, ReadingOptions, Settings
 from bayesdeg.data.study import Study
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
@@ -17,6 +17,7 @@ from tests.causes.default_actuator import conditions_of, effect, inputs_of, surr
 
 GELATIN = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 CAUSE = find("curvature_operator")
+STATED = ReadingOptions("angle_over_arc")
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0, -1.0])
@@ -41,11 +42,11 @@ def test_a_circle_reads_a_sixth_more_at_any_pressure():
 
 def test_without_a_statement_the_candidates_are_those_of_before():
     study = read_study(GELATIN)
-    assert study.settings.operator is None
+    assert study.settings.reading.operator is None
     plan = outline(study)
     assert CAUSE.name in plan.unjudged
     assert CAUSE.name not in {cause.name for cause in plan.candidates}
-    stated = outline(replace(study, settings=replace(study.settings, operator="angle_over_arc")))
+    stated = outline(replace(study, settings=replace(study.settings, reading=STATED)))
     assert stated.base == plan.base
     assert {c.name for c in stated.candidates} == {c.name for c in plan.candidates} | {CAUSE.name}
     assert set(plan.unjudged) - set(stated.unjudged) == {CAUSE.name}
@@ -55,10 +56,10 @@ def test_without_a_statement_the_candidates_are_those_of_before():
     ("settings", "judged"),
     [
         (Settings(), False),
-        (Settings(operator="angle_over_arc"), True),
-        (Settings(operator="circle"), False),
-        (Settings(operator="angle_over_arc", dimensions=Dimensions(length=60.0)), False),
-        (Settings(operator="angle_over_arc", constraint_kind="elastomer"), False),
+        (Settings(reading=STATED), True),
+        (Settings(reading=ReadingOptions("circle")), False),
+        (Settings(reading=STATED, dimensions=Dimensions(length=60.0)), False),
+        (Settings(reading=STATED, constraint=Layer("elastomer")), False),
     ],
 )
 def test_it_is_judged_where_a_statement_may_be_wrong(settings, judged):
@@ -66,5 +67,5 @@ def test_it_is_judged_where_a_statement_may_be_wrong(settings, judged):
 
 
 def test_points_of_the_line_leave_nothing_to_state():
-    settings = Settings(operator="angle_over_arc")
+    settings = Settings(reading=STATED)
     assert CAUSE.blind_in(Study("s", Path("s"), settings, line_points=12)) is not None

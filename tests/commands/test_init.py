@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from bayesdeg.cli import app
 from bayesdeg.commands.init import STARTER, write_starter
 from bayesdeg.data.plausibility import doubts
-from bayesdeg.data.settings import ENTRIES, Dimensions, Settings, parse_settings
+from bayesdeg.data.settings import KEYS, Dimensions, Settings, parse_settings
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pipeline.outline import outline
@@ -56,17 +56,17 @@ def test_every_key_is_there_and_what_is_commented_out_is_the_default():
     """Uncommented, the file says what an empty one does, but for what makes it an example."""
     everything = re.sub(r"^# (\w+ = )", r"\1", SETTINGS, flags=re.MULTILINE)
     document = tomllib.loads(everything)
-    for entry in ENTRIES:
-        if entry.table in ("forward", "reading"):  # of a forward map of one's own
+    for table, key in ((table, key) for table, keys in KEYS.items() for key in keys):
+        if table in ("forward", "reading"):  # of a forward map of one's own
             continue
-        if entry.table == "actuator" and entry.key not in (*vars(Dimensions()), "kind"):
+        if table == "actuator" and key not in (*vars(Dimensions()), "kind"):
             continue  # of another family
-        if entry.table == "constraint" and entry.key != "kind":  # has no default of its own
+        if table == "constraint" and key != "kind":  # has no default of its own
             continue
-        if entry.table != "actuator" and entry.key in NO_DEFAULT:
-            assert re.search(rf"^#   {entry.key} = ", SETTINGS, flags=re.MULTILINE)
+        if table != "actuator" and key in NO_DEFAULT:
+            assert re.search(rf"^#   {key} = ", SETTINGS, flags=re.MULTILINE)
             continue
-        assert entry.key in (document[entry.table] if entry.table else document)
+        assert key in (document[table] if table else document)
     settings, faults = parse_settings(everything.encode())
     assert not faults
     assert settings.priors.keys() == {"volume_ratio"}

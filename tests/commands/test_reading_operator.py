@@ -93,7 +93,7 @@ def test_virtual_readings_are_those_of_the_stated_operator(call, tmp_path):
         out = tmp_path / name
         code, _ = call(more, "simulate", "--out", out, "--workers", "1", "--quiet")
         assert code == 0
-        assert read_study(out).settings.operator == (None if name == "plain" else "circle")
+        assert read_study(out).settings.reading.operator == (None if name == "plain" else "circle")
         text = (out / "actuator.csv").read_text("utf-8")
         tables.append(pd.read_csv(StringIO(text), comment="#"))
     plain, circle = (table[table["pressure_kPa"] > 0.0] for table in tables)

@@ -312,7 +312,7 @@ def test_without_paper_one_is_trained_and_answers_as_the_exact_map(
         0.01 * c1 * one,
         one,
         0.0 * one,
-        paper_thickness=study.settings.paper_thickness_mm * one,
+        paper_thickness=study.settings.paper.thickness * one,
         wall_factor=np.array([[1.0], [1.0], [1.05]]),
     )
     exact = ExactMap(geometry_of_study(study.settings), TINY.fine_mesh)(given_inputs)

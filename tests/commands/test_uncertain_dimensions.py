@@ -64,9 +64,9 @@ def test_check_shows_a_dimension_with_its_uncertainty_and_the_time_of_training(c
     (length,) = (line for line in said.splitlines() if line.startswith("length"))
     assert re.findall(r"[\d.]+", length)[:2] == ["9", "0.34"]
     study = read_study(command.study)
-    known = rough_seconds(study.settings.dimensions, study.settings.constraint)
+    known = rough_seconds(study.settings.dimensions, study.settings.layer)
     moved = rough_seconds(
-        study.settings.dimensions, study.settings.constraint, moved=study.settings.uncertain
+        study.settings.dimensions, study.settings.layer, moved=study.settings.uncertain
     )
     assert 2.5 < moved / known < 4.0
 

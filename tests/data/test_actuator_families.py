@@ -30,15 +30,15 @@ def test_a_ribbed_segment_with_a_film_is_read():
     settings, faults = parse_settings(f"{text}thickness = 0.2\n".encode())
     assert not faults
     assert settings.dimensions == RibbedDimensions(channels=4, passive="solid")
-    assert settings.constraint == Constraint("film", 7.0)
-    assert settings.paper_thickness_mm == 0.2
+    assert settings.layer == Constraint("film", 7.0)
+    assert settings.paper.thickness == 0.2
 
 
 def test_by_default_nothing_has_changed():
     settings, faults = parse_settings(b'[actuator]\nkind = "pneunet"\n')
     assert not faults
     assert settings == Settings()
-    assert settings.constraint.height_in(settings.dimensions) == 0.0
+    assert settings.layer.height_in(settings.dimensions) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from bayesdeg.data.plausibility import (
     refuse_impossible,
     steepness,
 )
-from bayesdeg.data.settings import Dimensions
+from bayesdeg.data.settings import Dimensions, Layer, Paper, SuspectOptions
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.curvature import actuator_curves
@@ -134,8 +134,8 @@ def test_stress_in_kpa_is_refused_whatever_the_material(c1, stated):
 def layered(c1, unit, body=0.3):
     """Return a study of films and actuators with a layer of elastomer."""
     study = silicone_study(body)
-    layer = {"constraint_kind": "elastomer", "paper_thickness_mm": 1.0, "constraint_c1": c1}
-    return replace(study, settings=replace(study.settings, **layer, constraint_unit=unit))
+    layer = Layer("elastomer", C1=c1, unit=unit)
+    return replace(study, settings=replace(study.settings, paper=Paper(1.0), constraint=layer))
 
 
 @pytest.mark.parametrize(
@@ -546,7 +546,7 @@ def test_whatever_numbers_a_study_holds_the_answer_is_a_list_of_doubts(data):
 
 
 def looked_through(study):
-    return replace(study, settings=replace(study.settings, set_aside=True))
+    return replace(study, settings=replace(study.settings, suspects=SuspectOptions(set_aside=True)))
 
 
 def test_a_copied_curve_is_told_with_both_names():

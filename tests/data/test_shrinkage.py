@@ -4,10 +4,8 @@ import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bayesdeg.data.settings import Known, Mixture, MixtureRecipe
 from bayesdeg.data.shrinkage import (
-    Known,
-    Mixture,
-    MixtureRecipe,
     component_masses,
     density_by_mass_average,
     film_volume,

@@ -2,8 +2,19 @@ from dataclasses import replace
 
 import pytest
 
-from bayesdeg.data.settings import Dimensions, Settings, parse_settings
-from bayesdeg.data.shrinkage import Known, MixtureRecipe
+from bayesdeg.data.settings import (
+    CauseOptions,
+    Dimensions,
+    Known,
+    MaterialOptions,
+    MixtureRecipe,
+    Noise,
+    Paper,
+    SamplingOptions,
+    Settings,
+    TensileOptions,
+    parse_settings,
+)
 from bayesdeg.priors import Normal
 
 CONTRACT = """
@@ -53,8 +64,8 @@ def test_law_range_and_vendors_figures_are_taken_over() -> None:
         "[vendor]\nmodulus_100 = 69\nsource = 'data sheet'\n"
         "elongation_at_break = { value = 900, sd = 90 }\n"
     )
-    assert settings.law == "neo_hookean"
-    assert settings.stretch_range == (1.0, 2.5)
+    assert settings.material.law == "neo_hookean"
+    assert settings.material.stretch_range == (1.0, 2.5)
     assert settings.vendor.modulus_100 == Known(69.0, 0.2 * 69.0)
     assert settings.vendor.elongation_at_break == Known(900.0, 90.0)
     assert settings.vendor.source == "data sheet"
@@ -84,13 +95,13 @@ material.order = 3
         title="t",
         seed=3,
         dimensions=Dimensions(length=60.0, chambers=4, gap=0.0),
-        paper_thickness_mm=0.2,
+        paper=Paper(0.2),
         priors={"creep.rate": Normal(mean=1.0, sd=2.0)},
-        degradation_sd_pct=0.0,
-        candidates=("creep", "erosion"),
-        effort="quick",
-        fit_modes=("uniaxial",),
-        order=3,
+        noise=Noise(0.0),
+        causes=CauseOptions(("creep", "erosion")),
+        sampling=SamplingOptions("quick"),
+        tensile=TensileOptions(("uniaxial",)),
+        material=MaterialOptions(order=3),
         virtual=True,
         note="n",
     )
@@ -267,4 +278,4 @@ def test_faults_of_a_recipe_are_named(line: str, column: str, suggested: str) ->
     settings, faults = parse_settings(f"[shrinkage]\n{line}\n".encode())
     assert [(fault.column, fault.row) for fault in faults] == [(column, 2)]
     assert suggested in faults[0].remedy
-    assert settings.recipe == MixtureRecipe()
+    assert settings.shrinkage == MixtureRecipe()

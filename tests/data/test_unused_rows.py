@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.data.cells import least_digit
-from bayesdeg.data.unused import Why
+from bayesdeg.data.study import Why
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.kinds import ROUNDING
 from bayesdeg.pipeline.assemble import assemble

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bayesdeg as bd
+from bayesdeg.data.settings import SamplingOptions
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import TRUTH_NODES
 from bayesdeg.material.degradation import bernstein_weights
@@ -31,7 +32,7 @@ def judged_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("gelatin") / "study"
     shutil.copytree(STUDY, folder, ignore=shutil.ignore_patterns("truth.json"))
     study = read_study(folder)
-    study = replace(study, settings=replace(study.settings, effort="quick"))
+    study = replace(study, settings=replace(study.settings, sampling=SamplingOptions("quick")))
     target = folder / "run"
     checkpoints = Checkpoints(target / "checkpoints", fingerprint(study))
     judgements = []

@@ -14,12 +14,19 @@ from bayesdeg.data.settings import (
     CALIBRATED_LAWS,
     LARGEST_RATE_SD,
     MODES,
+    CauseOptions,
     Dimensions,
+    Known,
+    MaterialOptions,
+    MixtureRecipe,
+    Noise,
+    Paper,
+    SamplingOptions,
     Settings,
+    TensileOptions,
     VendorFigures,
     parse_settings,
 )
-from bayesdeg.data.shrinkage import Known, MixtureRecipe
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design, design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
@@ -201,8 +208,8 @@ def test_settings_of_the_study_are_kept(tmp_path):
         note="real",
         dimensions=Dimensions(gap=1.5, chambers=4),
         priors={"volume_ratio": Normal(0.6, 0.05), "a.b": TruncatedNormal(0.0, 1.0, 0.0)},
-        candidates=("pressure_offset",),
-        effort="quick",
+        causes=CauseOptions(("pressure_offset",)),
+        sampling=SamplingOptions("quick"),
         vendor=VendorFigures(Known(900.0, 90.0)),
     )
     study = written(tmp_path, make(), settings)
@@ -233,22 +240,28 @@ laws = st.one_of(
         dimensions=st.builds(
             Dimensions, length=st.floats(40.0, 90.0), gap=st.just(0.0) | st.floats(0.01, 2.0)
         ),
-        paper_thickness_mm=positive,
+        paper=st.builds(Paper, positive),
         priors=st.dictionaries(
             st.from_regex(r"[a-z_0-9]{1,8}(\.[a-z_]{1,8})?", fullmatch=True), laws, max_size=3
         ),
-        degradation_sd_pct=st.floats(1e-6, LARGEST_RATE_SD),
-        recipe=st.builds(
+        noise=st.builds(Noise, st.floats(1e-6, LARGEST_RATE_SD)),
+        shrinkage=st.builds(
             MixtureRecipe,
             glycerol=st.builds(Known, positive),
             gelatin_density=st.builds(Known, st.floats(1.0, 2.0), st.floats(0.0, 0.5)),
         ),
-        candidates=st.none() | st.just(()) | st.just(("pressure_loss", "pressure_offset")),
-        effort=st.sampled_from(["quick", "standard", "thorough"]),
-        fit_modes=st.sampled_from([("uniaxial",), MODES]),
+        causes=st.builds(
+            CauseOptions,
+            st.none() | st.just(()) | st.just(("pressure_loss", "pressure_offset")),
+        ),
+        sampling=st.builds(SamplingOptions, st.sampled_from(["quick", "standard", "thorough"])),
+        tensile=st.builds(TensileOptions, st.sampled_from([("uniaxial",), MODES])),
         virtual=st.booleans(),
-        law=st.sampled_from(CALIBRATED_LAWS),
-        stretch_range=st.none() | st.tuples(st.floats(0.1, 1.0), st.floats(1.1, 9.0)),
+        material=st.builds(
+            MaterialOptions,
+            law=st.sampled_from(CALIBRATED_LAWS),
+            stretch_range=st.none() | st.tuples(st.floats(0.1, 1.0), st.floats(1.1, 9.0)),
+        ),
         vendor=st.builds(
             VendorFigures,
             modulus_100=st.none() | st.builds(Known, st.floats(2.0, 1e4), st.floats(0.1, 1.9)),

@@ -8,7 +8,8 @@ import pytest
 from scipy import stats
 
 from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course, moisture_content
-from bayesdeg.data.shrinkage import Mixture, mean_of_replicates, volume_ratio
+from bayesdeg.data.settings import Mixture
+from bayesdeg.data.shrinkage import mean_of_replicates, volume_ratio
 from bayesdeg.laboratory.experiment import Design, tear_films, weigh_moisture, weigh_shrinkage
 from bayesdeg.laboratory.truth import Truth
 

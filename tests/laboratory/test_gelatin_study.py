@@ -25,7 +25,7 @@ def rows(study, quantity):
 def test_it_is_marked_as_virtual_and_says_where_every_statistic_stands(study):
     assert study.settings.virtual
     assert study.settings.seed == 20211124
-    assert study.settings.degradation_sd_pct == 0.5
+    assert study.settings.noise.degradation_sd_pct == 0.5
     assert study.summary["source"].str.contains("doi:10.3389/frobt.2021.760485").all()
 
 

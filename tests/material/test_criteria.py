@@ -68,7 +68,7 @@ def test_a_stress_that_no_stretch_has_is_no_number():
 
 def test_the_volume_of_a_film_can_be_given():
     settings, faults = parse_settings(b"[rupture]\nfilm_volume = 120.0\n")
-    assert (faults, settings.film_volume_mm3) == ((), 120.0)
+    assert (faults, settings.rupture.film_volume) == ((), 120.0)
     _, faults = parse_settings(b"[rupture]\nfilm_volume = 0.0\n")
     assert len(faults) == 1
 
@@ -77,7 +77,7 @@ def test_the_volume_of_a_film_can_be_given():
 def test_a_study_chooses_its_criterion(criterion):
     settings, faults = parse_settings(f'[rupture]\ncriterion = "{criterion}"\n'.encode())
     assert faults == ()
-    assert settings.rupture_criterion == criterion
+    assert settings.rupture.criterion == criterion
 
 
 def test_another_criterion_is_refused_with_those_that_there_are():

@@ -8,7 +8,7 @@ from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.line import OPERATORS, read_line
 from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, evenly, operator_ratio
 from bayesdeg.data.plausibility import doubts
-from bayesdeg.data.unused import Why
+from bayesdeg.data.study import Why
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.curvature import actuator_curves
 from bayesdeg.observations.markers import angle_errors

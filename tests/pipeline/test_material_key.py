@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.data.unused import Why
+from bayesdeg.data.study import Why
 from bayesdeg.emulator.scaling import GROUPS
 from bayesdeg.errors import StudyError
 from bayesdeg.material.hyperelastic import Yeoh, nominal_stress

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.data.study import read_study
-from bayesdeg.data.unused import Why
+from bayesdeg.data.settings import SuspectOptions
+from bayesdeg.data.study import Why, read_study
 from bayesdeg.inference.model import least_squares
 from bayesdeg.pipeline import reach
 from bayesdeg.pipeline.aside import is_set_aside, set_aside, unused_rows
@@ -129,7 +129,7 @@ def test_a_specimen_in_another_unit_is_not_told_to_balloon(study):
 def test_suspects_are_looked_for_among_the_rest(ballooning):
     table = ballooning.actuator.copy()
     table.loc[table["specimen_id"] == "A10-2", READ] *= 0.5
-    asked = replace(ballooning.settings, set_aside=True)
+    asked = replace(ballooning.settings, suspects=SuspectOptions(set_aside=True))
     spoilt = replace(ballooning, actuator=table, settings=asked)
     assembly = assemble_screened(spoilt)
     assert [one.specimens for one in assembly.aside] == [("A10-2",)]

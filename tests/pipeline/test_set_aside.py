@@ -9,6 +9,7 @@ import pytest
 
 from bayesdeg.criticism.checks.suspects import Anomaly, Irregularity, Suspect
 from bayesdeg.criticism.outcome import Outcome
+from bayesdeg.data.settings import SuspectOptions
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline import experiment, run
@@ -29,7 +30,7 @@ READ = ["curvature_per_m", "bend_angle_deg"]
 
 
 def asked(study, *, set_aside=True):
-    return replace(study, settings=replace(study.settings, set_aside=set_aside))
+    return replace(study, settings=replace(study.settings, suspects=SuspectOptions(set_aside)))
 
 
 @pytest.fixture(scope="module")
