@@ -9,16 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from bayesdeg.actuator.inputs import ForwardMap, Prediction
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.inference.density import Density, Factors
-from bayesdeg.material.degradation import Nodes
-from bayesdeg.material.strength import Strength
 from bayesdeg.observations import catalogue
-from bayesdeg.observations.breaks import Breaks, BreakTable
-from bayesdeg.observations.curvature import ActuatorCurves, Curvature, Predicted
 from bayesdeg.observations.kinds import (
     NOWHERE,
     Compared,
@@ -28,15 +23,8 @@ from bayesdeg.observations.kinds import (
     Places,
     Scale,
     State,
-    World,
     joined_places,
 )
-from bayesdeg.observations.means import Means, Statistic
-from bayesdeg.observations.noise import Linearised
-from bayesdeg.observations.published import PublishedTests, RSquared
-from bayesdeg.observations.rupture import Rupture, strength_of
-from bayesdeg.observations.specimens import FilmsAndActuators, Material, young_modulus
-from bayesdeg.observations.tensile import Stresses, Tensile, TensileCurves, median_stresses
 from bayesdeg.priors import Named, Parameter, ParameterTable
 
 Floats = NDArray[np.float64]
@@ -92,7 +80,7 @@ class JointModel:
 
     base: tuple[Parameter, ...]
     observations: tuple[Observations, ...]
-    world: World
+    world: Any
     causes: tuple[Cause, ...] = ()
     held: str = ""
 
@@ -194,12 +182,15 @@ class JointModel:
 
     def with_world(self, **changes: Any) -> Self:
         """Return the model with a modified world."""
-        world: Any = self.world
-        return replace(self, world=replace(world, **changes))
+        return replace(self, world=replace(self.world, **changes))
 
     def of_kind[K: Observations](self, kind: type[K]) -> tuple[K, ...]:
-        """Return the data of a kind, or None."""
+        """Return the data of a kind: one entry, or none."""
         return catalogue.of_kind(self.observations, kind)
+
+    def data_of[K: Observations](self, kind: type[K]) -> K:
+        """Return the data of a kind; empty if the model has none."""
+        return next(iter(self.of_kind(kind)), kind())
 
     # ---- readings and held-out groups
 
@@ -362,168 +353,12 @@ class JointModel:
         state = self.state(values)
         return [found for one in self.observations for found in one.compared(state)]
 
-    # ---- specimens
-
     def watched(self, report: Callable[[Flags], None]) -> Self:
         """Return a model that reports the vectors refused by its forward map, (n,)."""
-        world: Any = self.world
+        world = self.world
         for one in self.observations:
             world = one.watched(world, report)
         return replace(self, world=world)
-
-    @property
-    def tensile(self) -> TensileCurves | None:
-        """Stress–stretch curves of films."""
-        return next((one.curves for one in self.of_kind(Tensile)), None)
-
-    @property
-    def actuator(self) -> ActuatorCurves | None:
-        """Tests of actuators."""
-        return next((one.curves for one in self.of_kind(Curvature)), None)
-
-    @property
-    def breaks(self) -> BreakTable | None:
-        """Elongations at break of films."""
-        return next((one.table for one in self.of_kind(Breaks)), None)
-
-    @property
-    def statistics(self) -> tuple[Statistic, ...]:
-        """Means of replicates."""
-        return tuple(found for one in self.of_kind(Means) for found in one.statistics)
-
-    @property
-    def published(self) -> PublishedTests | None:
-        """Published tests of actuators."""
-        return next((one.tests for one in self.of_kind(RSquared)), None)
-
-    @property
-    def curvatures(self) -> Curvature:
-        """Readings of actuators.
-
-        Raises
-        ------
-        ValueError
-            If there is none.
-        """
-        found = self.of_kind(Curvature)
-        if not found:
-            raise ValueError("the model has no tests of actuators")
-        return found[0]
-
-    @property
-    def films_and_actuators(self) -> FilmsAndActuators:
-        """The world of films and actuators.
-
-        Raises
-        ------
-        TypeError
-            If it is another.
-        """
-        if not isinstance(self.world, FilmsAndActuators):
-            raise TypeError("the model is not of films and actuators")
-        return self.world
-
-    @property
-    def nodes(self) -> Nodes:
-        """Degradation rates at which constants are controlled [%]."""
-        return self.films_and_actuators.nodes
-
-    @property
-    def elongation_nodes(self) -> Nodes:
-        """Degradation rates at which the elongation at break is held [%]."""
-        return self.films_and_actuators.elongation_nodes
-
-    @property
-    def forward(self) -> ForwardMap:
-        """The forward map of actuators."""
-        return self.films_and_actuators.forward
-
-    @property
-    def paper_thickness(self) -> float:
-        """Paper thickness of the actuators [mm]."""
-        return self.films_and_actuators.paper_thickness
-
-    @property
-    def largest_pressure(self) -> float:
-        """Pressure that scales the emulator's common error [kPa]."""
-        return self.films_and_actuators.largest_pressure
-
-    @property
-    def degrades(self) -> bool:
-        """Whether the study has degradation; unknown for a user's forward map."""
-        world = self.world
-        return not isinstance(world, FilmsAndActuators) or world.degrades
-
-    @property
-    def has_elongation(self) -> bool:
-        """Whether the elongation at break is part of the model."""
-        return any(p.name == "elongation_scatter" for p in self.base)
-
-    def constants(self, values: Named, degradation: Floats) -> Floats:
-        """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
-        return self.films_and_actuators.constants(values, degradation)
-
-    def young_modulus(self, values: Named, degradation: Floats) -> Floats:
-        """Return Young's modulus of films with the active causes [MPa], (n, S)."""
-        return young_modulus(values, self.constants(values, degradation), self.causes)
-
-    def material(self, values: Named, degradation: Floats) -> Material:
-        """Return the median material at degradation rates (S,) or (n, S)."""
-        return self.films_and_actuators.material(values, degradation)
-
-    def elongation(self, values: Named, degradation: Floats) -> Floats:
-        """Return the median elongation at break [%] at degradation rates (S,), shape (n, S)."""
-        return self.films_and_actuators.elongation(values, degradation)
-
-    def stresses(self, values: Named, data: TensileCurves) -> Stresses:
-        """Return what films of the median material read in these tests."""
-        return median_stresses(self.tests(values), data)
-
-    def strength(self, values: Named) -> Strength:
-        """Return the elongation limit of the actuators, (n, n_specimens)."""
-        return strength_of(self.tests(values), self.curvatures.curves)
-
-    def actuator_linearised(self, values: Named) -> Linearised:
-        """Linearise the actuators' readings at their most probable deviations."""
-        return self.curvatures.linearised(self.state(values))
-
-    def range_excess(self, values: Named) -> Floats:
-        """Return how far outside the forward map's range each actuator is asked, (n, S)."""
-        return self.curvatures.range_excess(self.state(values))
-
-    def predict(self, values: Named, deviation: Floats | None = None) -> Predicted:
-        """Return readings expected of the actuators, see `Curvature.predicted`."""
-        return self.curvatures.predicted(self.tests(values), deviation)
-
-    def curvature(self, values: Named, deviation: Floats | None = None) -> Prediction:
-        """Return predictions for the actuators, (n, n_specimens, n_points)."""
-        return self.predict(values, deviation).prediction
-
-    def simulate(self, values: Named, generator: np.random.Generator) -> Floats:
-        """Draw readings of new actuators, see `Curvature.drawn`."""
-        return self.curvatures.drawn(self.tests(values), generator)
-
-    def simulate_curvature(self, values: Named, generator: np.random.Generator) -> Floats:
-        """Draw curvatures of new specimens [1/m], (n, n_specimens, n_points); see `simulate`."""
-        return self.simulate(values, generator)[..., : self.curvatures.curves.pressure.shape[1]]
-
-    def deviation_sd(self, values: Named) -> Floats:
-        """Return τ of each actuator, shape (n, n_specimens, 1)."""
-        return self.curvatures.deviation_sd(self.tests(values))
-
-    def draw_deviation(self, values: Named, generator: np.random.Generator) -> Floats:
-        """Draw each actuator's deviation of ln stiffness, shape (n, n_specimens, 1)."""
-        sd = self.deviation_sd(values)
-        return sd * generator.standard_normal(sd.shape)
-
-    def of_actuators(self, curves: ActuatorCurves) -> Self:
-        """Return the model of these tests of actuators."""
-        ruptures = (Rupture(curves),) if self.has_elongation else ()
-        return self.with_observations(Curvature(curves), *ruptures)
-
-    def with_readings(self, readings: Floats) -> Self:
-        """Return the model for other readings in the same tests, (n_specimens, n_readings)."""
-        return self.of_actuators(self.curvatures.curves.with_readings(readings))
 
 
 def _subset(one: Observations, kept: list[bool]) -> Observations:
@@ -720,8 +555,7 @@ def replicate(model: JointModel, values: Named, generator: np.random.Generator) 
 
     Examples
     --------
-    >>> from bayesdeg.observations.means import Means, Statistic
-    >>> from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
+    >>>     >>> from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
     >>> modulus = Statistic("young_modulus", 0.0, 1.7, 0.1, "published", 2.0)
     >>> films = FilmsAndActuators((0.0,))
     >>> model = JointModel(material_parameters((0.0,)), (Means((modulus,)),), films)
@@ -729,7 +563,7 @@ def replicate(model: JointModel, values: Named, generator: np.random.Generator) 
     >>> (6.0 * values["c1_at_0"]).round(2)  # Young's modulus [MPa]
     array([2.07])
     >>> again = replicate(model, values, np.random.default_rng(1))
-    >>> round(again.statistics[0].value, 2)
+    >>> round(again.data_of(Means).statistics[0].value, 2)
     2.13
     """
     state: State[Any] = model.tests(values)

@@ -98,6 +98,11 @@ class World(Protocol):
         ...
 
     @property
+    def degrades(self) -> bool:
+        """Whether anything in the study degrades; assumed where it is unknown."""
+        ...
+
+    @property
     def continued(self) -> Self:
         """The same world with an extrapolating forward map, if possible.
 

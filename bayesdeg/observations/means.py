@@ -144,14 +144,14 @@ class Means(Observations):
     Parameters
     ----------
     statistics : tuple of Statistic
-        At least one.
+        The means.
     """
 
     name: ClassVar[str] = "statistics"
     order: ClassVar[int] = 50
     beside: ClassVar[bool] = True
 
-    statistics: tuple[Statistic, ...]
+    statistics: tuple[Statistic, ...] = ()
 
     @override
     def among(self, others: tuple[Observations, ...]) -> "Means":

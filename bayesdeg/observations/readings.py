@@ -119,6 +119,11 @@ class Formula:
         return False
 
     @property
+    def degrades(self) -> bool:
+        """Whether anything in the study degrades: unknown, so assumed."""
+        return True
+
+    @property
     def is_factored(self) -> bool:
         """Whether densities without data provide their factors."""
         return False

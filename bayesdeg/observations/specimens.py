@@ -468,6 +468,11 @@ class FilmsAndActuators:
         return elongation_slope(values, degradation, self.elongation_nodes)
 
 
+def has_elongation(base: tuple[Parameter, ...]) -> bool:
+    """Return whether the elongation at break is part of a model with these parameters."""
+    return any(p.name == "elongation_scatter" for p in base)
+
+
 def stiffness_spread(values: Named, material: Material, sd: Floats) -> Floats:
     """Return τ² of specimens whose degradation rates have standard errors sd, (n, S).
 

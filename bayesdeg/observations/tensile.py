@@ -3,7 +3,7 @@
 import importlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple, override
 
@@ -119,6 +119,12 @@ class TensileCurves:
     def subset(self, rows: Rows) -> "TensileCurves":
         """Return the curves of some specimens."""
         return chosen(self, rows)
+
+
+def no_films() -> TensileCurves:
+    """Return tests of no film."""
+    one, none, never = np.empty(0), np.empty((0, 1)), np.empty((0, 1), bool)
+    return TensileCurves((), (), one, one, np.empty((0, 1, 3)), none, none, never, never)
 
 
 def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
@@ -398,7 +404,7 @@ class Tensile(Observations):
 
     Parameters
     ----------
-    curves : TensileCurves
+    tests : TensileCurves
         The readings.
     by_mode : bool, optional
         Whether films are held out mode by mode; by default if there are several modes.
@@ -415,7 +421,7 @@ class Tensile(Observations):
     beside: ClassVar[bool] = True
     floors: ClassVar[Mapping[str, str]] = {"tensile_noise_floor": "stress_MPa"}
 
-    curves: TensileCurves
+    tests: TensileCurves = field(default_factory=no_films)
     by_mode: bool | None = None
 
     @property
@@ -426,22 +432,22 @@ class Tensile(Observations):
     @property
     @override
     def labels(self) -> tuple[str, ...]:
-        return self.curves.specimens
+        return self.tests.specimens
 
     @property
     @override
     def is_by_mode(self) -> bool:
-        return len(set(self.curves.modes)) > 1 if self.by_mode is None else self.by_mode
+        return len(set(self.tests.modes)) > 1 if self.by_mode is None else self.by_mode
 
     @property
     @override
     def row_groups(self) -> tuple[str, ...]:
-        return self.curves.modes if self.is_by_mode else self.curves.specimens
+        return self.tests.modes if self.is_by_mode else self.tests.specimens
 
     @property
     @override
     def levels(self) -> Floats:
-        return self.curves.degradation
+        return self.tests.degradation
 
     @override
     def held_beside(self) -> "Tensile":
@@ -449,7 +455,7 @@ class Tensile(Observations):
 
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        return log_density(self.curves, state.values, self.stresses(state))
+        return log_density(self.tests, state.values, self.stresses(state))
 
     @override
     def factors(self, state: State[FilmsAndActuators]) -> Parts:
@@ -458,20 +464,20 @@ class Tensile(Observations):
     @override
     def subset(self, rows: Rows) -> "Tensile":
         # keep the groups, even if only one mode is left
-        return Tensile(self.curves.subset(rows), self.is_by_mode)
+        return Tensile(self.tests.subset(rows), self.is_by_mode)
 
     def stresses(self, state: State[FilmsAndActuators]) -> Stresses:
         """Return stresses of films of the median material."""
-        return state.once(median_stresses, self.curves)
+        return state.once(median_stresses, self.tests)
 
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
         """Linearise the curves at the films' most probable deviations."""
-        return linearise_films(self.curves, state.values, self.stresses(state))
+        return linearise_films(self.tests, state.values, self.stresses(state))
 
     @cached_property
     @override
     def places(self) -> Places:
-        films, read = self.curves, self.curves.mask
+        films, read = self.tests, self.tests.mask
         count = int(read.sum())
 
         def each(values: Labels) -> Labels:
@@ -495,11 +501,11 @@ class Tensile(Observations):
     @property
     @override
     def observed(self) -> Floats:
-        return self.curves.stress[self.curves.mask]
+        return self.tests.stress[self.tests.mask]
 
     @override
     def expected(self, state: State[FilmsAndActuators]) -> Floats:
-        return self.stresses(state).at_rest[:, self.curves.mask]
+        return self.stresses(state).at_rest[:, self.tests.mask]
 
     @override
     def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
@@ -507,11 +513,11 @@ class Tensile(Observations):
 
     @override
     def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        return self.drawn(state, generator)[:, self.curves.mask]
+        return self.drawn(state, generator)[:, self.tests.mask]
 
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
         """Draw stresses of new films in the same tests, (n, n_specimens, n_points)."""
-        data, values = self.curves, state.values
+        data, values = self.tests, state.values
         shape = (len(values["stiffness_scatter"]), len(data.specimens))
         scatter = np.broadcast_to(values["stiffness_scatter"][:, None], shape)
         sd = np.stack([scatter, np.broadcast_to(data.degradation_sd, shape)], axis=-1)
@@ -530,15 +536,15 @@ class Tensile(Observations):
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
         read = self.drawn(state, generator)[0]
-        curves = replace(self.curves, stress=np.where(self.curves.mask, read, 0.0))
-        return (*drawn, replace(self, curves=curves))
+        tests = replace(self.tests, stress=np.where(self.tests.mask, read, 0.0))
+        return (*drawn, replace(self, tests=tests))
 
     @override
     def start(self, world: FilmsAndActuators) -> dict[str, float]:
         """Return control values of the constants by least squares, as stress is linear in them."""
         # takes a second to import, and reading data does not need it
         optimize = importlib.import_module("scipy.optimize")
-        data, nodes = self.curves, world.nodes
+        data, nodes = self.tests, world.nodes
         names = ("c1",) if world.law == "neo_hookean" else ("c1", "c2_ratio", "c3")
         weights = bernstein_weights(data.degradation, nodes)
         columns = (data.basis[..., : len(names), None] * weights[:, None, None, :])[data.mask]

@@ -111,7 +111,7 @@ class CavityVolume(ReadAtPressures):
     @override
     def linked(self, others: tuple[Observations, ...]) -> "CavityVolume | None":
         """Return it conditioned on a model's curvatures; None if these are of different tests."""
-        curves = next((one.curves for one in others if isinstance(one, Curvature)), self.curves)
+        curves = next((one.tests for one in others if isinstance(one, Curvature)), self.curves)
         if curves is None or curves is self.curves:
             return self
         alike = curves.specimens == self.labels and curves.mask.shape == self.tests.mask.shape

@@ -404,9 +404,9 @@ def _outside(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
     missed, whole = np.zeros(len(known), dtype=bool), TrainingRange()
     for one in model.of_kind(Curvature):
         off = np.zeros_like(one.deviation_sd(state))
-        inputs = surrogate.units.inputs(mechanics_inputs(state, one.curves, off))
+        inputs = surrogate.units.inputs(mechanics_inputs(state, one.tests, off))
         own, all_ = (Batch.of(inputs, span).in_range(span) for span in (surrogate.span, whole))
-        missed |= np.any(all_ & ~own & one.curves.mask, axis=(-2, -1))
+        missed |= np.any(all_ & ~own & one.tests.mask, axis=(-2, -1))
     return float(np.mean(missed))
 
 
@@ -419,7 +419,7 @@ def _error_pct(model: JointModel, surrogate: Surrogate, known: Floats) -> float:
     state = model.tests(model.table.named(known))
     shares = []
     for one in model.of_kind(Curvature):
-        inputs = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+        inputs = mechanics_inputs(state, one.tests, np.zeros_like(one.deviation_sd(state)))
         for asked in dict.fromkeys((one.asks, *(other.asks for other in model.observations))):
             found = exact.continued(replace(inputs, asked=asked))
             pair = (found.sd, found.curvature)
@@ -470,7 +470,7 @@ def asked_of_model(
     vectors[:, : known.shape[1]] = known  # those of the causes come last
     with np.errstate(all="ignore"):
         state = model.tests(model.table.named(vectors))
-        tests: list[AtPressures] = [one.curves for one in model.of_kind(Curvature)]
+        tests: list[AtPressures] = [one.tests for one in model.of_kind(Curvature)]
         tests += [one.tests for one in model.of_kind(HeldTip)]
         for one in tests:
             sd = np.sqrt(state.once(parts_of, one).spread)[..., None]

@@ -25,7 +25,7 @@ def description_entry(judgement: Judgement) -> DescriptionEntry | None:
     found = judgement.missing
     if found is None:
         return None
-    degrades = judgement.search.base.subject.degrades
+    degrades = judgement.search.base.subject.world.degrades
     return DescriptionEntry(
         sentence=worded(found, degrades=degrades),
         with_causes=tuple(sorted(found.step.trial.names)),

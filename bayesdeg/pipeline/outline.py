@@ -186,7 +186,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     stated = {cause.name: cause for cause in (*candidates, *alike, *of_counts)}
     _check(study, base, tuple(stated.values()))
     uncertain = study.settings.uncertain if _are_predicted(study, found) else ()
-    pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
+    pressures = [float(one.tests.pressure.max()) for one in of_kind(found, Curvature)]
     usual = _default_priors(base, _statistics(found))
     usual = with_priors(usual, vendor_prior(study) if by_vendor else {})
     gelatin = _expected(usual, nodes, elongation_nodes, _statistics(found))
@@ -362,7 +362,7 @@ def _candidates(
     unjudged: dict[str, str] = {}
     for cause in _asked(study):
         on_films = "tensile" in cause.acts_on
-        blind = [cause.blind_on_films(one.curves.conditions) for one in alone if on_films]
+        blind = [cause.blind_on_films(one.tests.conditions) for one in alone if on_films]
         indistinct = next(iter(blind), None)
         why = indistinct or _unseen(cause, study, actuators, films, limited=limited)
         why = None if any(one.reveals(cause) for one in found) else why
@@ -382,7 +382,7 @@ def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) ->
     """
     if study.settings.kind != "mesh" or cause.on_inputs is None or not actuators:
         return None
-    one, conditions = np.ones((1, 1, 1)), actuators[0].curves.conditions
+    one, conditions = np.ones((1, 1, 1)), actuators[0].tests.conditions
     plain = Inputs(conditions.pressure * one, one, 0.0 * one, one, one, one)
     acting = (Acting(cause, {name: size * one for name, size in cause.typical.items()}),)
     met = applied("on_inputs", plain, conditions, acting)
@@ -411,7 +411,7 @@ def _unseen(
         return f"actuator.csv does not record {', '.join(lacking)}"
     if cause.is_of_rupture_alone and not limited:
         return "there is no elongation at break (break.csv, summary.csv) to compare ruptures with"
-    return cause.blind(actuators[0].curves.conditions)
+    return cause.blind(actuators[0].tests.conditions)
 
 
 def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:

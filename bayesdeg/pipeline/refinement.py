@@ -223,10 +223,10 @@ def _share_of_reading_errors(trial: CandidateFit, surrogate: Surrogate) -> float
     exact = surrogate.without_mesh_error()
     shares = []
     for one in model.of_kind(Curvature):
-        inputs = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+        inputs = mechanics_inputs(state, one.tests, np.zeros_like(one.deviation_sd(state)))
         sd = exact.continued(inputs).sd
         variance = one.predicted(state).variance[..., : sd.shape[-1]]
-        shares.append((sd**2 / variance)[0][one.curves.mask])
+        shares.append((sd**2 / variance)[0][one.tests.mask])
     return float(np.sqrt(np.nanmean(np.concatenate(shares))))
 
 

@@ -20,9 +20,18 @@ from bayesdeg.data.shrinkage import Known
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
+from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.catalogue import TABLES
-from bayesdeg.observations.means import MPA
-from bayesdeg.observations.specimens import FilmsAndActuators, modulus_100, node_name
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import MPA, Means
+from bayesdeg.observations.published import RSquared
+from bayesdeg.observations.specimens import (
+    FilmsAndActuators,
+    has_elongation,
+    modulus_100,
+    node_name,
+    young_modulus,
+)
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import UserMap
@@ -58,9 +67,13 @@ def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> li
     for row in study.summary.to_dict("records"):
         level = np.array([float(row["degradation_pct"])])
         if row["quantity"] == "young_modulus":
-            draws = fit.model.young_modulus(values, level)[:, 0]
+            draws = young_modulus(
+                values,
+                fit.model.world.constants(values, level),
+                fit.model.causes,
+            )[:, 0]
         elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
-            draws = fit.model.elongation(values, level)[:, 0]
+            draws = fit.model.world.elongation(values, level)[:, 0]
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
             draws = values["volume_ratio"]
         else:
@@ -142,8 +155,12 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
             said = table.supports_in(degrades=study.degrades)
             yield Basis(table.file, said, count, table.counts, virtual)
     if study.summary is not None:
-        used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
-        used |= set() if model.published is None else {"r_squared"}
+        used = {
+            s.quantity
+            for s in model.data_of(Means).statistics
+            if not s.source.startswith("shrinkage.csv")
+        }
+        used |= set() if not model.of_kind(RSquared) else {"r_squared"}
         held = {"ruptured_count", "tested_count"} - used if can_be_counted(model) else set()
         for use in USES:
             named = {str(q) for q in study.summary["quantity"] if _use(q, used, held) == use}
@@ -338,7 +355,7 @@ def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
     refusals = sum(chains.values(), start=Refusals())
     refused = {}
-    if results.final.model.actuator is not None:
+    if results.final.model.of_kind(Curvature):
         refused = guard.attempt(OptionalStage.REFUSED, refused_inputs, results.final) or {}
     words = (
         refusal_words(refusals),
@@ -495,21 +512,21 @@ def _figures(study: Study, model: JointModel, vectors: Floats) -> Iterator[Vendo
     vendor = study.settings.vendor
     values = model.table.named(vectors)
     if vendor.modulus_100 is not None:
-        draws = modulus_100(values, model.constants(values, FRESH), model.causes)[:, 0]
+        draws = modulus_100(values, model.world.constants(values, FRESH), model.causes)[:, 0]
         yield _beside("modulus_100", "kPa", vendor.modulus_100, "datum", draws / MPA)
     if vendor.elongation_at_break is not None:
-        known = model.has_elongation
-        draws = model.elongation(values, FRESH)[:, 0] if known else np.empty(0)
+        known = has_elongation(model.base)
+        draws = model.world.elongation(values, FRESH)[:, 0] if known else np.empty(0)
         use = _use_of_elongation(study, model)
         yield _beside("elongation_at_break", "%", vendor.elongation_at_break, use, draws)
 
 
 def _use_of_elongation(study: Study, model: JointModel) -> str:
     """Return how a vendor's elongation at break is used."""
-    if not model.has_elongation:
+    if not has_elongation(model.base):
         return "there is no actuator that could burst"
-    measured = model.breaks is not None or any(
-        one.quantity == "elongation_at_break" for one in model.statistics
+    measured = model.of_kind(Breaks) or any(
+        one.quantity == "elongation_at_break" for one in model.data_of(Means).statistics
     )
     if measured:
         return "the study has its own elongations"

@@ -30,6 +30,7 @@ from bayesdeg.data.uncertain import is_dimension
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.degradation import levels
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import PAPER_STIFFNESS
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.priors import Named
@@ -318,7 +319,7 @@ def _inputs(model: JointModel, values: Named, generator: np.random.Generator) ->
     count = len(values[names[0]])
     scores = np.column_stack([_scores(values[name]) for name in names])
     own = generator.standard_normal((count, 2))
-    size, drawn = len(names), own if model.degrades else own[:, :1]
+    size, drawn = len(names), own if model.world.degrades else own[:, :1]
     correlation = np.eye(size + drawn.shape[1])
     correlation[:size, :size] = scores.T @ scores / count  # scores have mean 0 and variance 1
     np.fill_diagonal(correlation, 1.0)  # also for a parameter that is known exactly
@@ -327,7 +328,7 @@ def _inputs(model: JointModel, values: Named, generator: np.random.Generator) ->
         groups[source] = np.arange(first, first + len(group))
         first += len(group)
     groups[SCATTER] = np.append(groups[SCATTER], size)
-    if model.degrades:
+    if model.world.degrades:
         groups[DEGRADATION] = np.array([size + 1])
     ordered = {source: groups[source] for source in SOURCES if source in groups}
     return _Inputs(np.column_stack([scores, drawn]), ordered, correlation, own)
@@ -381,9 +382,8 @@ def _readings(
 
 def _measured_sd(model: JointModel, degradation: Floats) -> Floats:
     """Return the standard error with which degradation rates were measured there [%]."""
-    assert model.actuator is not None
-    centres, member = levels(model.actuator.degradation[:, 0])
-    sd = model.actuator.degradation_sd[:, 0]
+    centres, member = levels(model.data_of(Curvature).tests.degradation[:, 0])
+    sd = model.data_of(Curvature).tests.degradation_sd[:, 0]
     each = np.array([np.sqrt(np.mean(sd[member == k] ** 2)) for k in range(len(centres))])
     return np.asarray(np.interp(degradation, centres, each))
 

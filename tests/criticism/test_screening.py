@@ -12,6 +12,7 @@ from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.linear import effects, neutral_sizes
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.subject import columns_of, with_neutral
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, scaling_cause, with_readings
@@ -167,7 +168,7 @@ def test_an_effect_that_also_widens_the_errors_is_screened_as_by_quadrature(size
 def test_scatter_of_misread_degradation_is_screened_as_by_quadrature():
     """Of the catalogue's own cause: specimens of a level that differ more than they may."""
     known, cause = known_linear(), find("degradation_misread")
-    data = known.subject.actuator
+    data = known.subject.data_of(Curvature).tests
     shift = np.array([0.0, 0.0, 2.5, -2.5, -3.0, 3.0])
     off = replace(data, degradation=data.degradation + shift[:, None])
     moved = altered(known.subject, actuator=off)

@@ -7,6 +7,7 @@ from scipy.stats import norm
 from bayesdeg.causes.catalogue import find
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.prediction.predictive import (
     QUANTILES,
     at_conditions,
@@ -81,7 +82,12 @@ def test_curvature_rises_with_pressure_and_falls_with_degradation(model):
 def test_bands_collapse_on_the_forward_map_without_scatter_and_posterior_width(model):
     chain = chain_at(model, stiffness_scatter=1e-9)
     bands = bands_of(model, chain)
-    exact = at_conditions(model, LEVELS, PRESSURES).curvature(values_of()).curvature[0]
+    exact = (
+        at_conditions(model, LEVELS, PRESSURES)
+        .data_of(Curvature)
+        .predicted(at_conditions(model, LEVELS, PRESSURES).tests(values_of()))
+        .prediction.curvature[0]
+    )
     for name in NAMES:
         np.testing.assert_allclose(bands[name], exact.ravel(), rtol=1e-6)
 
@@ -113,7 +119,7 @@ def test_bands_are_shifted_by_the_common_error_of_the_emulator(model):
     }
     bands = bands_of(model, chain_at(model, stiffness_scatter=1e-9, **error))
     raw = raw_prediction(model, at_conditions(model, LEVELS, PRESSURES))
-    along = 2.0 * PRESSURES / model.largest_pressure - 1.0
+    along = 2.0 * PRESSURES / model.world.largest_pressure - 1.0
     across = 2.0 * LEVELS[:, None] / 25.0 - 1.0
     g = 1.5 / np.sqrt(3.0) - 0.7 * along + 0.4 * across
     expected = raw.curvature[0] + g * raw.sd[0]
@@ -132,7 +138,7 @@ def test_without_knowledge_of_the_common_error_the_band_is_as_wide_as_the_emulat
     chain = Chain(vectors[None, :, None], np.zeros((1, 6000, 1)), np.array([0.4]))
     bands = bands_of(model, chain, draws=6000, pressure=PRESSURES[1:])
     raw = raw_prediction(model, at_conditions(model, LEVELS, PRESSURES[1:]))
-    along = 2.0 * PRESSURES[1:] / model.largest_pressure - 1.0
+    along = 2.0 * PRESSURES[1:] / model.world.largest_pressure - 1.0
     across = 2.0 * LEVELS[:, None] / 25.0 - 1.0
     sd = np.sqrt(1.0 / 3.0 + along**2 + across**2) * raw.sd[0]
     width = (bands["q95"] - bands["q05"]).to_numpy()
@@ -157,7 +163,10 @@ def test_a_map_without_an_error_of_its_own_has_none_in_the_bands(model):
 
 def test_bands_of_curvature_do_not_need_bend_angles(model):
     """They are those of the calibrated model, whether angles were read or not."""
-    without = replace(model.actuator, angle_mask=np.zeros_like(model.actuator.angle_mask))
+    without = replace(
+        model.data_of(Curvature).tests,
+        angle_mask=np.zeros_like(model.data_of(Curvature).tests.angle_mask),
+    )
     chain = chain_at(model)
     assert bands_of(altered(model, actuator=without), chain).equals(bands_of(model, chain))
 

@@ -11,6 +11,8 @@ from scipy.stats import norm, sobol_indices
 from bayesdeg.causes.catalogue import find
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.prediction.shares import (
     Quadratic,
@@ -205,8 +207,10 @@ def test_the_error_of_reading_has_its_closed_share(model):
 
 
 def test_a_rate_that_is_known_exactly_has_no_share(model):
-    curves = model.actuator
-    exact = model.of_actuators(replace(curves, degradation_sd=0.0 * curves.degradation_sd))
+    curves = model.data_of(Curvature).tests
+    exact = model.with_observations(
+        *data_of_actuators(replace(curves, degradation_sd=0.0 * curves.degradation_sd), model.base)
+    )
     table = shares_of(exact, chain_of(exact, {"stiffness_scatter": 0.1}))
     assert np.all(np.abs(table.loc[table["source"] == "degradation", "share"]) < 1e-5)
 

@@ -206,7 +206,7 @@ def _by_other_criteria(
     model: JointModel, counts: RuptureCounts, vectors: Floats, generator: np.random.Generator
 ) -> dict[str, float]:
     """Return the p-values of counts by the other criteria of rupture."""
-    chosen = model.films_and_actuators.criterion
+    chosen = model.world.criterion
     return {
         criterion: count_misfit(
             model.with_world(criterion=criterion), counts, vectors, generator, PUBLISHED

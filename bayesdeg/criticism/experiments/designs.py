@@ -29,7 +29,11 @@ from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
 from bayesdeg.observations.pressures import PressureTests
-from bayesdeg.observations.specimens import PAPER_STIFFNESS, layer_stiffness, linear_scale
+from bayesdeg.observations.specimens import (
+    PAPER_STIFFNESS,
+    layer_stiffness,
+    linear_scale,
+)
 from bayesdeg.observations.tensile import Tensile, TensileCurves
 from bayesdeg.observations.volume import CavityVolume, answered_volumes
 from bayesdeg.priors import Named, Parameter
@@ -380,7 +384,7 @@ class PartMeasurements:
         believed = applied("on_degradation", believed, conditions, causes)
         shape = (len(values["stiffness_scatter"]), len(self.degradation))
         level = np.broadcast_to(believed.value[..., 0], shape)
-        c1, c2, c3 = np.moveaxis(model.constants(values, level)[..., None], 2, 0)
+        c1, c2, c3 = np.moveaxis(model.world.constants(values, level)[..., None], 2, 0)
         inputs = Inputs(
             pressure=self.pressure,
             c1=c1,
@@ -491,7 +495,7 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
     """
     found: list[Experiment] = []
     for tests in model.of_kind(Curvature):
-        design = ActuatorDesign.of(tests.curves)
+        design = ActuatorDesign.of(tests.tests)
         for level in dict.fromkeys((design.levels[0], design.levels[-1])):
             found += _histories(design, level)
             found += _finer(design, level)
@@ -502,7 +506,7 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
             found += _batches(design, level)
             found += _volumes(design, level, model)
     for films in model.of_kind(Tensile):
-        found += _modes(FilmDesign.of(films.curves))
+        found += _modes(FilmDesign.of(films.tests))
     return tuple(found)
 
 
@@ -551,7 +555,7 @@ def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
 
 def _at_levels(design: ActuatorDesign, model: JointModel) -> Iterator[Experiment]:
     """Yield tests at a further degradation rate, and one more specimen at each."""
-    new = design.another_level(model.nodes[-1])
+    new = design.another_level(model.world.nodes[-1])
     if new is not None:
         yield design.experiment("another level", design.curves([new], design.pressures(new)))
     levels = design.levels
