@@ -16,7 +16,6 @@ from bayesdeg.inference.density import Density, Factors
 from bayesdeg.observations import catalogue
 from bayesdeg.observations.kinds import (
     NOWHERE,
-    Compared,
     Deviations,
     Labels,
     Observations,
@@ -347,11 +346,6 @@ class JointModel:
                 columns = [density[:, member == g].sum(axis=1) for g in self.groups]
                 total = total + np.stack(columns, axis=1)
         return np.where(np.isfinite(total), total, -np.inf)
-
-    def compared(self, values: Named) -> list[Compared]:
-        """Return measured means and the model's values."""
-        state = self.state(values)
-        return [found for one in self.observations for found in one.compared(state)]
 
     def watched(self, report: Callable[[Flags], None]) -> Self:
         """Return a model that reports the vectors refused by its forward map, (n,)."""

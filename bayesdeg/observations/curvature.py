@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, Self, override
+from typing import ClassVar, NamedTuple, Protocol, Self, override
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order, recorded_batches
 from bayesdeg.data.plausibility import computed_angles
 from bayesdeg.data.study import Study
-from bayesdeg.observations.arrays import chosen, padded
+from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
 from bayesdeg.observations.kinds import (
     Deviations,
     Observations,
@@ -34,7 +34,6 @@ from bayesdeg.observations.noise import (
     LANES,
     Linearised,
     Paths,
-    blocks_of_covariance,
     correlated_normals,
     filter_of,
     innovations,
@@ -741,7 +740,7 @@ def _readings(
 
 
 @dataclass(frozen=True)
-class Curvature(Observations):
+class Curvature(PathReadings[ActuatorCurves]):
     """Curvatures of actuators, and bend angles where recorded.
 
     Parameters
@@ -780,16 +779,6 @@ class Curvature(Observations):
     def error_parameters(self) -> tuple[Parameter, ...]:
         return EMULATOR
 
-    @property
-    @override
-    def labels(self) -> tuple[str, ...]:
-        return self.tests.specimens
-
-    @property
-    @override
-    def levels(self) -> Floats:
-        return self.tests.degradation.ravel()
-
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
         density, prediction = state.once(log_density, self.tests)
@@ -802,45 +791,24 @@ class Curvature(Observations):
         excess = range_excess(self.tests, predicted.prediction)
         return Parts((innovations(curves),), ((-0.5 * excess**2, excess),))
 
-    @override
-    def subset(self, rows: Rows) -> "Curvature":
-        return replace(self, tests=self.tests.subset(rows))
-
     @cached_property
     @override
     def places(self) -> Places:
-        data, read = self.tests, self.tests.paths.mask
-        outputs = read.shape[1] // data.pressure.shape[1]
-
-        def each(values: NDArray[Any]) -> NDArray[Any]:
-            whole = np.broadcast_to(values, data.pressure.shape)
-            return np.tile(whole, outputs)[read]
-
-        history = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
-        kinds = np.repeat(np.array([CURVATURE, ANGLE][:outputs]), data.pressure.shape[1])
-        return Places(
-            np.broadcast_to(kinds, read.shape)[read],
-            np.full(int(read.sum()), ACTUATOR),
-            each(data.pressure).astype(np.float64),
-            each(data.degradation).astype(np.float64),
-            each(np.array(data.specimens)[:, None]).astype(np.str_),
-            each(np.char.add(np.char.add(history, " "), data.mount)).astype(np.str_),
-            each(data.time).astype(np.float64),
-            each(data.humidity).astype(np.float64),
+        data = self.tests
+        path = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
+        return places_of_tests(
+            data,
+            (CURVATURE, ANGLE) if data.with_angle else (CURVATURE,),
+            ACTUATOR,
+            data.pressure,
+            np.char.add(np.char.add(path, " "), data.mount),
+            time=data.time,
+            humidity=data.humidity,
         )
-
-    @property
-    @override
-    def observed(self) -> Floats:
-        return self.tests.readings[self.tests.paths.mask]
 
     @override
     def expected(self, state: State[FilmsAndActuators]) -> Floats:
         return self.predicted(state).mean[:, self.tests.paths.mask]
-
-    @override
-    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
-        return blocks_of_covariance(self.linearised(state))
 
     @override
     def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
@@ -860,12 +828,7 @@ class Curvature(Observations):
 
     @override
     def deviations(self, state: State[FilmsAndActuators]) -> Deviations:
-        curves = self.linearised(state)
-        mask = curves.paths.mask
-        read = np.zeros((*mask.shape, len(mask)))
-        own = np.arange(len(mask))
-        read[own, :, own] = curves.slope[0, :, :, 0]
-        return Deviations(read[mask], curves.spread[0, :, 0], self.tests.degradation[:, 0])
+        return self.of_own_deviations(state)
 
     @override
     def refused(self, state: State[FilmsAndActuators]) -> Flags:
@@ -895,6 +858,7 @@ class Curvature(Observations):
             deviation = np.zeros((*state.once(parts_of, self.tests).spread.shape, 1))
         return predict(state, self.tests, deviation)
 
+    @override
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
         """Linearise the readings at the actuators' most probable deviations."""
         return state.once(linearise_actuators, self.tests)[0]
@@ -918,6 +882,7 @@ class Curvature(Observations):
         sd = self.deviation_sd(state)
         return sd * generator.standard_normal(sd.shape)
 
+    @override
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens in the same tests, one set per draw.
 

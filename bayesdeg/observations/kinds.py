@@ -203,21 +203,6 @@ class Deviations(NamedTuple):
     level: Floats
 
 
-class Compared(NamedTuple):
-    """A measured mean and its model value.
-
-    Parameters
-    ----------
-    mean
-        The measurement, with ``value``, ``se`` and ``dof``.
-    expected : array, shape (n,)
-        The model value of each draw.
-    """
-
-    mean: Any
-    expected: Floats
-
-
 class Scale(NamedTuple):
     """Unit of a kind of reading, and the axis against which it is plotted.
 
@@ -446,15 +431,6 @@ class Observations(Protocol):
     def reveals(self, cause: Cause) -> bool:
         """Return whether it reveals a cause by itself, without curvatures or tensile curves."""
         return False
-
-    def compared(self, state: State[Any]) -> list[Compared]:
-        """Return measured means with their model values."""
-        return []
-
-    @property
-    def events(self) -> int | None:
-        """Number of specimens with the recorded event; None if it records no event."""
-        return None
 
     def held_beside(self) -> Self:
         """Return it as held out in addition to another kind."""

@@ -119,8 +119,8 @@ class Rupture(Observations):
         return self.tests.specimens
 
     @property
-    @override
     def events(self) -> int:
+        """Number of specimens that burst."""
         return int(self.tests.ruptured.any(axis=1).sum())
 
     @override

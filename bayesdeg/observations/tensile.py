@@ -18,11 +18,9 @@ from bayesdeg.data.study import Study
 from bayesdeg.data.unused import undeformed
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.arrays import chosen, padded
+from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
 from bayesdeg.observations.kinds import (
     Labels,
-    Observations,
-    Parts,
     Places,
     Rows,
     State,
@@ -31,10 +29,8 @@ from bayesdeg.observations.noise import (
     LANES,
     Linearised,
     Paths,
-    blocks_of_covariance,
     correlated_normals,
     filter_of,
-    innovations,
     paths_of,
     same_path,
     specimen_density,
@@ -115,6 +111,15 @@ class TensileCurves:
         """The readings of each film as a path of stretch."""
         travelled = np.abs(np.diff(self.stretch, axis=1, prepend=1.0))
         return paths_of(self.mask[:, None, :], np.cumsum(travelled, axis=1))
+
+    @property
+    def readings(self) -> Floats:
+        """The stresses [MPa], (n_specimens, n_points)."""
+        return self.stress
+
+    def with_readings(self, readings: Floats) -> "TensileCurves":
+        """Return the same tests with different stresses."""
+        return replace(self, stress=np.where(self.mask, readings, 0.0))
 
     def subset(self, rows: Rows) -> "TensileCurves":
         """Return the curves of some specimens."""
@@ -399,7 +404,7 @@ NOISE = 0.03  # relative error of stress by which readings are weighted
 
 
 @dataclass(frozen=True)
-class Tensile(Observations):
+class Tensile(PathReadings[TensileCurves]):
     """Stress–stretch curves of films.
 
     Parameters
@@ -431,11 +436,6 @@ class Tensile(Observations):
 
     @property
     @override
-    def labels(self) -> tuple[str, ...]:
-        return self.tests.specimens
-
-    @property
-    @override
     def is_by_mode(self) -> bool:
         return len(set(self.tests.modes)) > 1 if self.by_mode is None else self.by_mode
 
@@ -443,11 +443,6 @@ class Tensile(Observations):
     @override
     def row_groups(self) -> tuple[str, ...]:
         return self.tests.modes if self.is_by_mode else self.tests.specimens
-
-    @property
-    @override
-    def levels(self) -> Floats:
-        return self.tests.degradation
 
     @override
     def held_beside(self) -> "Tensile":
@@ -458,10 +453,6 @@ class Tensile(Observations):
         return log_density(self.tests, state.values, self.stresses(state))
 
     @override
-    def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        return Parts(normal=(innovations(self.linearised(state)),))
-
-    @override
     def subset(self, rows: Rows) -> "Tensile":
         # keep the groups, even if only one mode is left
         return Tensile(self.tests.subset(rows), self.is_by_mode)
@@ -470,6 +461,7 @@ class Tensile(Observations):
         """Return stresses of films of the median material."""
         return state.once(median_stresses, self.tests)
 
+    @override
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
         """Linearise the curves at the films' most probable deviations."""
         return linearise_films(self.tests, state.values, self.stresses(state))
@@ -477,44 +469,19 @@ class Tensile(Observations):
     @cached_property
     @override
     def places(self) -> Places:
-        films, read = self.tests, self.tests.mask
-        count = int(read.sum())
-
-        def each(values: Labels) -> Labels:
-            return np.broadcast_to(values[:, None], read.shape)[read]
-
-        return Places(
-            np.full(count, STRESS),
-            np.full(count, FILM),
-            films.stretch[read],
-            np.broadcast_to(films.degradation[:, None], read.shape)[read],
-            each(np.array(films.specimens)),
-            each(np.array(films.modes)),
-            np.full(count, np.nan),
-        )
+        modes = np.array(self.tests.modes, dtype=np.str_)
+        return places_of_tests(self.tests, (STRESS,), FILM, self.tests.stretch, modes[:, None])
 
     @property
     @override
     def reading_groups(self) -> Labels:
         return self.places.history if self.is_by_mode else self.places.specimen
 
-    @property
-    @override
-    def observed(self) -> Floats:
-        return self.tests.stress[self.tests.mask]
-
     @override
     def expected(self, state: State[FilmsAndActuators]) -> Floats:
         return self.stresses(state).at_rest[:, self.tests.mask]
 
     @override
-    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
-        return blocks_of_covariance(self.linearised(state))
-
-    @override
-    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        return self.drawn(state, generator)[:, self.tests.mask]
-
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
         """Draw stresses of new films in the same tests, (n, n_specimens, n_points)."""
         data, values = self.tests, state.values
@@ -527,17 +494,6 @@ class Tensile(Observations):
         z = correlated_normals(data.paths, length, np.zeros(len(length)), generator)
         read: Floats = stress + np.sqrt(stress_variance(values, stress)) * z
         return read
-
-    @override
-    def replicated(
-        self,
-        state: State[FilmsAndActuators],
-        generator: np.random.Generator,
-        drawn: tuple[Observations, ...],
-    ) -> tuple[Observations, ...]:
-        read = self.drawn(state, generator)[0]
-        tests = replace(self.tests, stress=np.where(self.tests.mask, read, 0.0))
-        return (*drawn, replace(self, tests=tests))
 
     @override
     def start(self, world: FilmsAndActuators) -> dict[str, float]:

@@ -32,11 +32,7 @@ from bayesdeg.files import STUDY_MB, read_bytes
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.kinds import ROUNDING
-from bayesdeg.observations.specimens import (
-    LEAST_STIFFENING,
-    FilmsAndActuators,
-    no_map,
-)
+from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
 from bayesdeg.pipeline.aside import Exclusion
 from bayesdeg.pipeline.formula import (
     FOR_ARRAYS,

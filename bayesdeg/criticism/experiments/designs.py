@@ -27,15 +27,11 @@ from bayesdeg.criticism.experiments.ranking import (
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature, mechanics_inputs
 from bayesdeg.observations.pressures import PressureTests
-from bayesdeg.observations.specimens import (
-    PAPER_STIFFNESS,
-    layer_stiffness,
-    linear_scale,
-)
+from bayesdeg.observations.specimens import PAPER_STIFFNESS, layer_stiffness, linear_scale
 from bayesdeg.observations.tensile import Tensile, TensileCurves
-from bayesdeg.observations.volume import CavityVolume, answered_volumes
+from bayesdeg.observations.volume import CavityVolume
 from bayesdeg.priors import Named, Parameter
 
 Floats = NDArray[np.float64]
@@ -609,7 +605,8 @@ def _volumes(design: ActuatorDesign, level: float, model: JointModel) -> Iterato
         curves.mask,
     )
     at_medians = {p.name: np.atleast_1d(p.law.quantile(0.5)) for p in model.table.parameters}
-    found = answered_volumes(model.tests(at_medians), tests, np.zeros((1, 1, 1)))
+    asked = mechanics_inputs(model.tests(at_medians), tests, np.zeros((1, 1, 1)))
+    found = model.world.forward(replace(asked, asked=CavityVolume.asks)).further
     if found is None or not np.isfinite(found.value).any():
         return
     read = np.broadcast_to(np.nan_to_num(found.value)[0], curves.mask.shape)

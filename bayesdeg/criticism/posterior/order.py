@@ -25,10 +25,7 @@ from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, approximate
 from bayesdeg.inference.model import JointModel, blocks_of, near_films, without
 from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.means import Means
-from bayesdeg.observations.specimens import (
-    FilmsAndActuators,
-    material_parameters,
-)
+from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import with_priors
 
