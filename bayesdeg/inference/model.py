@@ -17,9 +17,11 @@ from bayesdeg.observations import catalogue
 from bayesdeg.observations.kinds import (
     NOWHERE,
     Deviations,
+    HeldOut,
     Labels,
     Observations,
     Places,
+    Readings,
     Scale,
     State,
     joined_places,
@@ -210,9 +212,10 @@ class JointModel:
         return joined_places(parts) if parts else NOWHERE
 
     @property
-    def _read(self) -> tuple[Observations, ...]:
+    def _read(self) -> tuple[Readings, ...]:
         """Kinds of data with readings; an empty part would change the layout of others."""
-        return tuple(one for one in self.criticised if len(one.places))
+        found = (one for one in self.observations if isinstance(one, Readings))
+        return tuple(one for one in found if one.is_criticised and len(one.places))
 
     @property
     def scales(self) -> dict[str, Scale]:
@@ -222,7 +225,7 @@ class JointModel:
     @cached_property
     def observed(self) -> Floats:
         """The readings, (n,)."""
-        return np.concatenate([np.empty(0), *(one.observed for one in self.criticised)])
+        return np.concatenate([np.empty(0), *(one.observed for one in self._read)])
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -235,19 +238,23 @@ class JointModel:
         held = [one.name for one in self._held]
         parts = [
             one.reading_groups if one.name in held else np.full(len(one.places), "")
-            for one in self.criticised
+            for one in self._read
         ]
         return np.concatenate([np.empty(0, dtype=np.str_), *parts])
 
     @property
-    def _held(self) -> tuple[Observations, ...]:
+    def _of_groups(self) -> tuple[HeldOut, ...]:
+        return tuple(one for one in self.observations if isinstance(one, HeldOut))
+
+    @property
+    def _held(self) -> tuple[HeldOut, ...]:
         """The held-out data, and further readings on the same specimens."""
-        asked = [one for one in self.observations if one.name == self.held]
-        usual = [one for one in self.observations if one.priority] if not self.held else []
+        asked = [one for one in self._of_groups if one.name == self.held]
+        usual = [one for one in self._of_groups if one.priority] if not self.held else []
         if not (asked or usual):
             return ()
         chief = max((*asked, *usual), key=lambda one: one.priority)
-        return (chief, *(one for one in self.observations if one.follows == chief.name))
+        return (chief, *(one for one in self._of_groups if one.follows == chief.name))
 
     @property
     def holds_out_modes(self) -> bool:
@@ -263,7 +270,7 @@ class JointModel:
     def beside(self) -> tuple[Self, ...]:
         """The same model, holding out the additional data on which causes are compared."""
         chief = [one.name for one in self._held if one.uses_forward]
-        others = [one for one in self.observations if one.beside and chief]
+        others = [one for one in self._of_groups if one.beside and chief]
         return tuple(
             replace(self.with_observations(one.held_beside()), held=one.name) for one in others
         )
@@ -276,7 +283,7 @@ class JointModel:
     def scatter(self, vector: Floats) -> Floats:
         """Return the covariance of readings from specimen deviations and errors, (n, n)."""
         state = self.state(self.table.named(vector[None]))
-        blocks = (block for one in self.criticised for block in one.covariance(state))
+        blocks = (block for one in self._read for block in one.covariance(state))
         total = np.asarray(block_diag(*blocks))
         own = {one.name: one.deviations(state) for one in self._read}
         for one in self._read:
@@ -299,13 +306,13 @@ class JointModel:
     def deviations(self, vector: Floats) -> Deviations:
         """Return the effect of specimen deviations on all readings."""
         state = self.state(self.table.named(vector[None]))
-        found = [one.deviations(state) for one in self.criticised]
+        found = [one.deviations(state) for one in self._read]
         slope, spread, level = zip(*found, strict=True)
         joined = block_diag(*slope)
         starts = np.cumsum([0, *(len(own.spread) for own in found)])
-        place = {one.name: k for k, one in enumerate(self.criticised)}
+        place = {one.name: k for k, one in enumerate(self._read)}
         own = np.ones(joined.shape[1], dtype=bool)
-        for k, one in enumerate(self.criticised):
+        for k, one in enumerate(self._read):
             if one.shares in place:
                 columns, chief = (slice(starts[i], starts[i + 1]) for i in (k, place[one.shares]))
                 joined[:, chief] += joined[:, columns]
@@ -331,7 +338,9 @@ class JointModel:
         kept = {"", *(self.groups[g] for g in groups)}
         held = {one.name: one for one in self._held}
         found = (
-            one if one.name not in held else _subset(one, [g in kept for g in one.row_groups])
+            _subset(one, [g in kept for g in held[one.name].row_groups])
+            if one.name in held
+            else one
             for one in self.observations
         )
         return replace(self, observations=tuple(one for one in found if len(one.labels)))

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.inference.importance import about_mode, refitted
 from bayesdeg.inference.laplace import Evidence, approximate, smoothed
 from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.kinds import Readings
 
 Floats = NDArray[np.float64]
 
@@ -143,9 +144,10 @@ def _log_likelihood(
     model: JointModel, specimens: frozenset[str], values: dict[str, Floats]
 ) -> Floats:
     """Return the log density of all readings of some specimens, (n,)."""
-    read = (one for one in model.observations if one.is_criticised and one.uses_forward)
-    rows = [(one, np.flatnonzero([name in specimens for name in one.labels])) for one in read]
-    some = tuple(one.subset(of_some) for one, of_some in rows if len(of_some) and not one.shares)
+    tested = [one for one in model.observations if one.is_criticised and one.uses_forward]
+    tested = [one for one in tested if not (isinstance(one, Readings) and one.shares)]
+    rows = [np.flatnonzero([name in specimens for name in one.labels]) for one in tested]
+    some = tuple(one.subset(of) for one, of in zip(tested, rows, strict=True) if len(of))
     if not some:
         return np.zeros(len(next(iter(values.values()))))
     blocks = replace(model, observations=some).log_likelihood(values).values()

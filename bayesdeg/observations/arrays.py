@@ -13,7 +13,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from bayesdeg.observations.kinds import Deviations, Observations, Parts, Places, State
+from bayesdeg.observations.kinds import (
+    Deviations,
+    HeldOut,
+    Observations,
+    Parts,
+    Places,
+    Readings,
+    State,
+)
 from bayesdeg.observations.noise import Linearised, Paths, blocks_of_covariance, innovations
 
 Floats = NDArray[np.float64]
@@ -119,7 +127,7 @@ def places_of_tests(
 
 
 @dataclass(frozen=True)
-class PathReadings[T: SpecimenTests](Observations):
+class PathReadings[T: SpecimenTests](Readings, HeldOut):
     """Readings along paths, by a law that is linearised about the specimens' own deviations.
 
     Parameters
