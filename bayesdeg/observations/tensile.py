@@ -281,7 +281,11 @@ def median_stresses(state: State[FilmsAndActuators], data: TensileCurves) -> Str
     material = state.world.material(state.values, data.degradation)
     causes, parts = state.acting(), []
     for constants in material:
-        stress = _stress(data.basis, constants)
+        stress = (
+            data.basis[..., 0] * constants[..., None, 0]
+            + data.basis[..., 1] * constants[..., None, 1]
+            + data.basis[..., 2] * constants[..., None, 2]
+        )
         parts.append(applied("on_stress", stress, data.conditions, causes, constants))
     return Stresses(*parts)
 
@@ -294,7 +298,19 @@ def linearise_films(data: TensileCurves, values: Named, median: Stresses) -> Lin
     with m the deviation of ln stiffness and d that of the degradation rate [%], φ Yeoh's basis.
     """
     deviation = _density_and_mode(data, values, median, passes=PASSES - 1)[1]
-    return _linearised(data, values, median, _spread(data, values), deviation)
+    stress, slope = film_readings(median, deviation)
+    residual = data.stress - stress
+    residual += slope[..., 0] * deviation[..., None, 0]
+    residual += slope[..., 1] * deviation[..., None, 1]
+    return Linearised(
+        residual,
+        slope,
+        stress_variance(values, stress),
+        _spread(data, values),
+        values["tensile_noise_length"],
+        np.zeros(len(residual)),
+        data.paths,
+    )
 
 
 def log_density(data: TensileCurves, values: Named, median: Stresses) -> Floats:
@@ -366,37 +382,6 @@ def _spread(data: TensileCurves, values: Named) -> Floats:
     spread[..., 0] = scatter[:, None] ** 2
     spread[..., 1] = data.degradation_sd**2
     return spread
-
-
-def _linearised(
-    data: TensileCurves,
-    values: Named,
-    median: Stresses,
-    spread: Floats,
-    deviation: Floats,
-) -> Linearised:
-    stress, slope = film_readings(median, deviation)
-    residual = data.stress - stress
-    residual += slope[..., 0] * deviation[..., None, 0]
-    residual += slope[..., 1] * deviation[..., None, 1]
-    return Linearised(
-        residual,
-        slope,
-        stress_variance(values, stress),
-        spread,
-        values["tensile_noise_length"],
-        np.zeros(len(residual)),
-        data.paths,
-    )
-
-
-def _stress(basis: Floats, constants: Floats) -> Floats:
-    stress: Floats = (
-        basis[..., 0] * constants[..., None, 0]
-        + basis[..., 1] * constants[..., None, 1]
-        + basis[..., 2] * constants[..., None, 2]
-    )
-    return stress
 
 
 SMALLEST = (1e-3, -np.inf, 1e-6)  # of the control values of C1, C2, C3 [MPa]
