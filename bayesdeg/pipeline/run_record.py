@@ -525,7 +525,7 @@ def _use_of_elongation(study: Study, model: JointModel) -> str:
     """Return how a vendor's elongation at break is used."""
     if not has_elongation(model.base):
         return "there is no actuator that could burst"
-    measured = model.of_kind(Breaks) or any(
+    measured = bool(model.of_kind(Breaks)) or any(
         one.quantity == "elongation_at_break" for one in model.data_of(Means).statistics
     )
     if measured:

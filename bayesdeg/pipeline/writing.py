@@ -592,7 +592,7 @@ class TableSources:
     @property
     def has_actuators(self) -> bool:
         """Whether there are curvature readings."""
-        return self.results.base.model.of_kind(Curvature)
+        return bool(self.results.base.model.of_kind(Curvature))
 
     @property
     def steps(self) -> dict[str, Step]:
