@@ -247,7 +247,8 @@ def fitted_inputs(fit: Fit, degradation: Floats, pressure: Floats) -> Inputs:
     listener = Listener(model.world.forward)
     vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     values = model.table.named(np.median(vectors, axis=0)[None])
-    model.with_world(forward=listener).curvature(values)
+    kind, listening = model.data_of(Curvature), model.with_world(forward=listener)
+    kind.predicted(listening.tests(values))
     return listener.heard[0]
 
 

@@ -91,8 +91,12 @@ def curvature_curves(
     pressure = np.arange(
         0.0, float(np.max(model.data_of(Curvature).tests.pressure)) + 1e-9, PRESSURE_STEP
     )
-    grid = at_conditions(model, degradation, pressure)
-    curvature = grid.curvature(values, grid.draw_deviation(values, generator)).curvature
+    kind, state = (
+        at_conditions(model, degradation, pressure).data_of(Curvature),
+        model.tests(values),
+    )
+    found = kind.predicted(state, kind.drawn_deviations(state, generator))
+    curvature = found.prediction.curvature
     rates, pressures = np.meshgrid(degradation, pressure, indexing="ij")
     return _frame(
         curvature.reshape(len(curvature), -1),

@@ -363,14 +363,14 @@ def _readings(
     model: JointModel, values: Named, own: Floats, degradation: Floats, pressure: Floats
 ) -> tuple[Floats, dict[str, Floats]]:
     """Return curvatures (n, n_places) [1/m] and standard deviations of errors by their source."""
-    grid = at_conditions(model, degradation, pressure)
-    scatter = grid.deviation_sd(values)
-    curves = grid.curvatures.curves
-    uncertain = replace(curves, degradation_sd=_measured_sd(model, degradation)[:, None])
-    both = grid.of_actuators(uncertain).deviation_sd(values)
+    kind = at_conditions(model, degradation, pressure).data_of(Curvature)
+    state = model.tests(values)
+    scatter = kind.deviation_sd(state)
+    sd = _measured_sd(model, degradation)[:, None]
+    both = Curvature(replace(kind.tests, degradation_sd=sd)).deviation_sd(state)
     by_rate = np.sqrt(np.maximum(both**2 - scatter**2, 0.0))
     deviation = scatter * own[:, :1, None] + by_rate * own[:, 1:, None]
-    found = grid.curvature(values, deviation)
+    found = kind.predicted(state, deviation).prediction
     curvature = np.where(found.status == 0, found.curvature, np.nan)
     floor, noise = (values[f"curvature_noise{n}"][:, None, None] for n in ("_floor", ""))
     errors = {READING: np.hypot(floor, noise * curvature)}

@@ -234,7 +234,7 @@ def fit_order(films: JointModel, seed: np.random.SeedSequence) -> OrderFit:
         elpd, pareto_k = np.full((2, count), np.nan)
         refitted = np.zeros(count, dtype=bool)
     return OrderFit(
-        order=len(films.nodes) - 1,
+        order=len(films.world.nodes) - 1,
         size=len(films.table),
         log_evidence=posterior.log_evidence if usable else float("nan"),
         error=posterior.error if usable else float("nan"),
