@@ -445,7 +445,10 @@ def test_a_model_applies_causes_in_that_order_however_they_are_added(model, base
         one_by_one = one_by_one.extended(cause)
     assert forwards.causes == backwards.causes == one_by_one.causes == tuple(causes)
     assert forwards.table.names == backwards.table.names
-    assert_same_record(forwards.curvature(values), backwards.curvature(values))
+    assert_same_record(
+        forwards.data_of(Curvature).predicted(forwards.tests(values)).prediction,
+        backwards.data_of(Curvature).predicted(backwards.tests(values)).prediction,
+    )
 
 
 def test_an_unknown_cause_is_refused_with_the_nearest_name():

@@ -112,7 +112,15 @@ def test_where_names_pressures_rates_and_specimens(model):
 
 def test_where_says_above_and_every_rate(model):
     study, truth = model
-    found = where(study.with_readings(1.1 * truth), 0.1 * truth, 0.01)
+    found = where(
+        study.with_observations(
+            *data_of_actuators(
+                study.data_of(Curvature).tests.with_readings(1.1 * truth), study.base
+            )
+        ),
+        0.1 * truth,
+        0.01,
+    )
     assert found.excess == pytest.approx(0.1)
     assert found.everywhere
     assert len(found.levels) == 3

@@ -172,7 +172,9 @@ def test_scatter_of_misread_degradation_is_screened_as_by_quadrature():
     shift = np.array([0.0, 0.0, 2.5, -2.5, -3.0, 3.0])
     off = replace(data, degradation=data.degradation + shift[:, None])
     moved = altered(known.subject, actuator=off)
-    readings = moved.predict(moved.table.named(known.mode[None])).mean[0]
+    readings = (
+        moved.data_of(Curvature).predicted(moved.tests(moved.table.named(known.mode[None]))).mean[0]
+    )
     case = with_readings(known, readings)
     found = screen(case, cause)
     assert found.log_bayes_factor > np.log(20.0)

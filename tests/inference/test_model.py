@@ -122,14 +122,14 @@ def exact_actuator(model, values, s):
             ),
         )
         many = {name: np.full(points, value) for name, value in values.items()}
-        predicted = moved.predict(many, m[:, None, None])
-        read = moved.actuator.paths.mask[0]
+        predicted = moved.data_of(Curvature).predicted(moved.tests(many), m[:, None, None])
+        read = moved.data_of(Curvature).tests.paths.mask[0]
         noise = likelihood.noise_correlation(
-            moved.actuator.paths, *(np.array([values[k]]) for k in NOISE)
+            moved.data_of(Curvature).tests.paths, *(np.array([values[k]]) for k in NOISE)
         )[0, 0][np.ix_(read, read)]
         # the emulator's error is that of the recorded rate, whatever the true one
         logs = normal_log_density(
-            moved.actuator.readings[0, read] - predicted.mean[:, 0, read],
+            moved.data_of(Curvature).tests.readings[0, read] - predicted.mean[:, 0, read],
             np.sqrt(predicted.variance[:, 0, read]),
             noise,
         )
@@ -465,7 +465,11 @@ def test_the_emulators_common_error_has_unit_variance_over_the_tests(model):
     pressure = np.broadcast_to(np.linspace(0.0, 140.0, 21), shape)
     level = np.linspace(0.0, 25.0, 21)[:, None]
     grid = at_conditions(model, level[:, 0], pressure[0])
-    prediction = grid.curvature({k: v[:2000] for k, v in values.items()})
+    prediction = (
+        grid.data_of(Curvature)
+        .predicted(grid.tests({k: v[:2000] for k, v in values.items()}))
+        .prediction
+    )
     truth = replace(grid, base=tuple(p for p in grid.base if "emulator" not in p.name))
     exact = truth.curvature({k: v[:1] for k, v in values.items() if "emulator" not in k})
     g = (prediction.curvature - exact.curvature)[..., 1:] / exact.sd[..., 1:]

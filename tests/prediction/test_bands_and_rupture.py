@@ -47,10 +47,10 @@ def rupture_of(model, chain, **changes):
 
 def test_conditions_are_one_specimen_a_level_with_known_degradation(model):
     grid = at_conditions(model, LEVELS, PRESSURES)
-    assert grid.actuator.mask.shape == (3, 5)
-    assert grid.actuator.mask.all()
-    assert not grid.actuator.degradation_sd.any()
-    assert grid.actuator.degradation[:, 0].tolist() == LEVELS.tolist()
+    assert grid.data_of(Curvature).tests.mask.shape == (3, 5)
+    assert grid.data_of(Curvature).tests.mask.all()
+    assert not grid.data_of(Curvature).tests.degradation_sd.any()
+    assert grid.data_of(Curvature).tests.degradation[:, 0].tolist() == LEVELS.tolist()
     assert grid.base == model.base
 
 
@@ -98,7 +98,7 @@ def test_width_of_the_band_is_that_of_the_scatter_of_stiffness(model):
         model, chain_at(model, stiffness_scatter=0.02), draws=8000, pressure=np.array([60.0])
     )
     grid = at_conditions(model, LEVELS, np.array([60.0]))
-    slope = grid.curvature(values_of()).slope[0, :, 0]
+    slope = grid.data_of(Curvature).predicted(grid.tests(values_of())).prediction.slope[0, :, 0]
     width = (bands["q95"] - bands["q05"]).to_numpy()
     np.testing.assert_allclose(width, 2.0 * norm.ppf(0.95) * 0.02 * slope, rtol=0.06)
 
@@ -214,7 +214,7 @@ def test_rupture_is_that_of_a_lognormal_limit(model):
     }
     table = rupture_of(model, chain_at(model, **changes), degradation=np.array([0.0]))
     grid = at_conditions(model, np.array([0.0]), PRESSURES)
-    prediction = grid.curvature(values_of())
+    prediction = grid.data_of(Curvature).predicted(grid.tests(values_of())).prediction
     stretch = prediction.peak_stretch[0, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.nan_to_num(prediction.peak_stretch_sd[0, 0] / (stretch - 1.0))
@@ -235,7 +235,14 @@ def test_scatter_of_stiffness_is_averaged_as_many_draws_would(model):
     count = 20_000
     values = values_of(TRUTH | changes, count)
     generator = np.random.default_rng(3)
-    stretch = grid.curvature(values, grid.draw_deviation(values, generator)).peak_stretch[:, 0, 0]
+    stretch = (
+        grid.data_of(Curvature)
+        .predicted(
+            grid.tests(values),
+            grid.data_of(Curvature).drawn_deviations(grid.tests(values), generator),
+        )
+        .prediction.peak_stretch[:, 0, 0]
+    )
     limit = 0.22 * np.exp(0.2 * generator.standard_normal(count))
     assert table["probability"][0] == pytest.approx(np.mean(stretch - 1.0 > limit), abs=0.015)
     assert 0.02 < table["probability"][0] < 0.98
