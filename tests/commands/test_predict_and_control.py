@@ -105,11 +105,8 @@ def test_the_stored_model_predicts_as_the_one_that_was_calibrated(report, models
     rebuilt = stored.model.table.named(
         stored.chain.vectors.reshape(-1, stored.chain.vectors.shape[-1])
     )
-    own = (
-        altered(stored.model, actuator=models[1].data_of(Curvature).tests)
-        .curvature(rebuilt)
-        .curvature
-    )
+    again = altered(stored.model, actuator=models[1].data_of(Curvature).tests)
+    own = again.data_of(Curvature).predicted(again.tests(rebuilt)).prediction.curvature
     expected = (
         models[1].data_of(Curvature).predicted(models[1].tests(calibrated)).prediction.curvature
     )

@@ -471,7 +471,8 @@ def test_the_emulators_common_error_has_unit_variance_over_the_tests(model):
         .prediction
     )
     truth = replace(grid, base=tuple(p for p in grid.base if "emulator" not in p.name))
-    exact = truth.curvature({k: v[:1] for k, v in values.items() if "emulator" not in k})
+    at_truth = truth.tests({k: v[:1] for k, v in values.items() if "emulator" not in k})
+    exact = truth.data_of(Curvature).predicted(at_truth).prediction
     g = (prediction.curvature - exact.curvature)[..., 1:] / exact.sd[..., 1:]
     assert np.mean(np.var(g, axis=0)) == pytest.approx(1.0, abs=0.1)
 
