@@ -565,7 +565,7 @@ def _levels(
         raise BayesdegError("give either degradation= or hours=, not both")
     times = None if hours is None else _numbers(hours, "hours", "h")
     experiment = fit.model.experiment
-    if degradation is None and hours is None and not fit.fit.model.degrades:
+    if degradation is None and hours is None and not fit.fit.model.world.degrades:
         degradation = 0.0
     rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
     soil = None if times is None else experiment.soil(fit.effort, fit.seed, progress)

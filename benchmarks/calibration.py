@@ -60,6 +60,7 @@ import bayesdeg
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.model import JointModel, replicate
 from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.progress import Silent
@@ -123,8 +124,8 @@ def drawn(empty: JointModel, generator: np.random.Generator) -> tuple[Floats, Jo
         values = empty.table.named(vector)
         with np.errstate(all="ignore"):  # what is far outside overflows, and is not kept
             drawn = replicate(empty.continued, values, generator)
-            data = drawn.with_world(forward=empty.forward)
-            excess = float(np.sum(data.range_excess(values) ** 2))
+            data = drawn.with_world(forward=empty.world.forward)
+            excess = float(np.sum(data.data_of(Curvature).range_excess(data.state(values)) ** 2))
             kept = generator.uniform() < np.exp(-0.5 * excess)
             if kept and np.isfinite(data.log_prob(vector)[0]):
                 return vector[0], data, refused

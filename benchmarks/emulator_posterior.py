@@ -45,6 +45,7 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.region import asked_of
 from bayesdeg.priors import Named
@@ -109,25 +110,26 @@ def _levels(draws: Draws) -> tuple[Level, ...]:
     """Return where weighted draws are at each degradation rate."""
     model = draws.model
     equal = np.random.default_rng(4).choice(len(draws.weights), 2000, p=draws.weights)
-    assert isinstance(model.forward, Surrogate)
-    return levels_of(model, model.table.named(draws.vectors[equal]), model.forward)
+    assert isinstance(model.world.forward, Surrogate)
+    return levels_of(model, model.table.named(draws.vectors[equal]), model.world.forward)
 
 
 def levels_of(model: JointModel, values: Named, emulator: Surrogate) -> tuple[Level, ...]:
     """Return where the posterior is at each degradation rate, specimens' deviations included."""
-    assert model.actuator is not None
     generator = np.random.default_rng(3)
-    rates = np.unique(model.actuator.degradation)
+    rates = np.unique(model.data_of(Curvature).tests.degradation)
     found = []
     for rate in rates:
-        c1, c2, c3 = model.constants(values, np.array([rate]))[:, 0].T
+        c1, c2, c3 = model.world.constants(values, np.array([rate]))[:, 0].T
         # ±2 % of the rate's own error stand in the deviations too
-        at = np.argmin(np.abs(model.actuator.degradation.ravel() - rate))
-        deviation = model.draw_deviation(values, generator)[:, at, 0]
+        at = np.argmin(np.abs(model.data_of(Curvature).tests.degradation.ravel() - rate))
+        deviation = model.data_of(Curvature).drawn_deviations(model.tests(values), generator)[
+            :, at, 0
+        ]
         factor = np.exp(deviation)
         groups = groups_of(
             Inputs(
-                pressure=model.actuator.pressure.max() - values[f"{CAUSE}.offset"],
+                pressure=model.data_of(Curvature).tests.pressure.max() - values[f"{CAUSE}.offset"],
                 c1=c1 * factor,
                 c2=c2 * factor,
                 c3=c3 * factor,
@@ -246,7 +248,7 @@ def smooth_shift(
         found: Floats = (weights * (change - weights @ change)) @ centred / sd
         return found
 
-    found = moved(draws.model.forward, reference.surrogate)
+    found = moved(draws.model.world.forward, reference.surrogate)
     without = np.array([moved(reference.surrogate, one) for one in reference.without])
     count, largest = len(without), int(np.argmax(np.abs(found)))
     error = np.sqrt((count - 1) / count * np.sum(without**2, axis=0))
@@ -290,9 +292,8 @@ def posterior_shift(
         mesh=mesh,
         executor=executor,
     )
-    assert model.actuator is not None
-    rates = np.unique(model.actuator.degradation)
-    places = np.searchsorted(rates, model.actuator.degradation.ravel())
+    rates = np.unique(model.data_of(Curvature).tests.degradation)
+    places = np.searchsorted(rates, model.data_of(Curvature).tests.degradation.ravel())
     before = log_marginal(model, draws.vectors)
 
     def shift(*, own_error: bool = False, without: int | None = None) -> Shift:

@@ -89,7 +89,7 @@ def true_values(model: JointModel, truth: Truth) -> dict[str, float]:
     Errors of the emulator are in their own standard errors about zero: none is the value for which
     the data speak where nothing is hidden.
     """
-    nodes = model.nodes
+    nodes = model.world.nodes
     weights = bernstein_weights(list(nodes), nodes)
     c1, c2, c3 = np.linalg.solve(weights, truth.constants(list(nodes))).T
     named = truth.named()

@@ -9,34 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from bayesdeg.actuator.inputs import ForwardMap, Prediction
 from bayesdeg.causes.catalogue import in_order
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import with_causes
 from bayesdeg.inference.density import Density, Factors
-from bayesdeg.material.degradation import Nodes
-from bayesdeg.material.strength import Strength
 from bayesdeg.observations import catalogue
-from bayesdeg.observations.breaks import Breaks, BreakTable
-from bayesdeg.observations.curvature import ActuatorCurves, Curvature, Predicted
 from bayesdeg.observations.kinds import (
     NOWHERE,
-    Compared,
     Deviations,
+    HeldOut,
     Labels,
     Observations,
     Places,
+    Readings,
     Scale,
     State,
-    World,
     joined_places,
 )
-from bayesdeg.observations.means import Means, Statistic
-from bayesdeg.observations.noise import Linearised
-from bayesdeg.observations.published import PublishedTests, RSquared
-from bayesdeg.observations.rupture import Rupture, strength_of
-from bayesdeg.observations.specimens import FilmsAndActuators, Material, young_modulus
-from bayesdeg.observations.tensile import Stresses, Tensile, TensileCurves, median_stresses
 from bayesdeg.priors import Named, Parameter, ParameterTable
 
 Floats = NDArray[np.float64]
@@ -92,7 +81,7 @@ class JointModel:
 
     base: tuple[Parameter, ...]
     observations: tuple[Observations, ...]
-    world: World
+    world: Any
     causes: tuple[Cause, ...] = ()
     held: str = ""
 
@@ -169,7 +158,8 @@ class JointModel:
 
     def allows(self, values: Named) -> Flags:
         """Return a mask of values allowed by the world for these specimens, (n,)."""
-        return self.world.allows(values, self._levels)
+        allowed: Flags = self.world.allows(values, self._levels)
+        return allowed
 
     @cached_property
     def _levels(self) -> Floats:
@@ -194,12 +184,15 @@ class JointModel:
 
     def with_world(self, **changes: Any) -> Self:
         """Return the model with a modified world."""
-        world: Any = self.world
-        return replace(self, world=replace(world, **changes))
+        return replace(self, world=replace(self.world, **changes))
 
     def of_kind[K: Observations](self, kind: type[K]) -> tuple[K, ...]:
-        """Return the data of a kind, or None."""
+        """Return the data of a kind: one entry, or none."""
         return catalogue.of_kind(self.observations, kind)
+
+    def data_of[K: Observations](self, kind: type[K]) -> K:
+        """Return the data of a kind; empty if the model has none."""
+        return next(iter(self.of_kind(kind)), kind())
 
     # ---- readings and held-out groups
 
@@ -220,9 +213,10 @@ class JointModel:
         return joined_places(parts) if parts else NOWHERE
 
     @property
-    def _read(self) -> tuple[Observations, ...]:
+    def _read(self) -> tuple[Readings, ...]:
         """Kinds of data with readings; an empty part would change the layout of others."""
-        return tuple(one for one in self.criticised if len(one.places))
+        found = (one for one in self.observations if isinstance(one, Readings))
+        return tuple(one for one in found if one.is_criticised and len(one.places))
 
     @property
     def scales(self) -> dict[str, Scale]:
@@ -232,7 +226,7 @@ class JointModel:
     @cached_property
     def observed(self) -> Floats:
         """The readings, (n,)."""
-        return np.concatenate([np.empty(0), *(one.observed for one in self.criticised)])
+        return np.concatenate([np.empty(0), *(one.observed for one in self._read)])
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -245,19 +239,23 @@ class JointModel:
         held = [one.name for one in self._held]
         parts = [
             one.reading_groups if one.name in held else np.full(len(one.places), "")
-            for one in self.criticised
+            for one in self._read
         ]
         return np.concatenate([np.empty(0, dtype=np.str_), *parts])
 
     @property
-    def _held(self) -> tuple[Observations, ...]:
+    def _of_groups(self) -> tuple[HeldOut, ...]:
+        return tuple(one for one in self.observations if isinstance(one, HeldOut))
+
+    @property
+    def _held(self) -> tuple[HeldOut, ...]:
         """The held-out data, and further readings on the same specimens."""
-        asked = [one for one in self.observations if one.name == self.held]
-        usual = [one for one in self.observations if one.priority] if not self.held else []
+        asked = [one for one in self._of_groups if one.name == self.held]
+        usual = [one for one in self._of_groups if one.priority] if not self.held else []
         if not (asked or usual):
             return ()
         chief = max((*asked, *usual), key=lambda one: one.priority)
-        return (chief, *(one for one in self.observations if one.follows == chief.name))
+        return (chief, *(one for one in self._of_groups if one.follows == chief.name))
 
     @property
     def holds_out_modes(self) -> bool:
@@ -273,7 +271,7 @@ class JointModel:
     def beside(self) -> tuple[Self, ...]:
         """The same model, holding out the additional data on which causes are compared."""
         chief = [one.name for one in self._held if one.uses_forward]
-        others = [one for one in self.observations if one.beside and chief]
+        others = [one for one in self._of_groups if one.beside and chief]
         return tuple(
             replace(self.with_observations(one.held_beside()), held=one.name) for one in others
         )
@@ -286,7 +284,7 @@ class JointModel:
     def scatter(self, vector: Floats) -> Floats:
         """Return the covariance of readings from specimen deviations and errors, (n, n)."""
         state = self.state(self.table.named(vector[None]))
-        blocks = (block for one in self.criticised for block in one.covariance(state))
+        blocks = (block for one in self._read for block in one.covariance(state))
         total = np.asarray(block_diag(*blocks))
         own = {one.name: one.deviations(state) for one in self._read}
         for one in self._read:
@@ -309,13 +307,13 @@ class JointModel:
     def deviations(self, vector: Floats) -> Deviations:
         """Return the effect of specimen deviations on all readings."""
         state = self.state(self.table.named(vector[None]))
-        found = [one.deviations(state) for one in self.criticised]
+        found = [one.deviations(state) for one in self._read]
         slope, spread, level = zip(*found, strict=True)
         joined = block_diag(*slope)
         starts = np.cumsum([0, *(len(own.spread) for own in found)])
-        place = {one.name: k for k, one in enumerate(self.criticised)}
+        place = {one.name: k for k, one in enumerate(self._read)}
         own = np.ones(joined.shape[1], dtype=bool)
-        for k, one in enumerate(self.criticised):
+        for k, one in enumerate(self._read):
             if one.shares in place:
                 columns, chief = (slice(starts[i], starts[i + 1]) for i in (k, place[one.shares]))
                 joined[:, chief] += joined[:, columns]
@@ -341,7 +339,9 @@ class JointModel:
         kept = {"", *(self.groups[g] for g in groups)}
         held = {one.name: one for one in self._held}
         found = (
-            one if one.name not in held else _subset(one, [g in kept for g in one.row_groups])
+            _subset(one, [g in kept for g in held[one.name].row_groups])
+            if one.name in held
+            else one
             for one in self.observations
         )
         return replace(self, observations=tuple(one for one in found if len(one.labels)))
@@ -357,173 +357,12 @@ class JointModel:
                 total = total + np.stack(columns, axis=1)
         return np.where(np.isfinite(total), total, -np.inf)
 
-    def compared(self, values: Named) -> list[Compared]:
-        """Return measured means and the model's values."""
-        state = self.state(values)
-        return [found for one in self.observations for found in one.compared(state)]
-
-    # ---- specimens
-
     def watched(self, report: Callable[[Flags], None]) -> Self:
         """Return a model that reports the vectors refused by its forward map, (n,)."""
-        world: Any = self.world
+        world = self.world
         for one in self.observations:
             world = one.watched(world, report)
         return replace(self, world=world)
-
-    @property
-    def tensile(self) -> TensileCurves | None:
-        """Stress–stretch curves of films."""
-        return next((one.curves for one in self.of_kind(Tensile)), None)
-
-    @property
-    def actuator(self) -> ActuatorCurves | None:
-        """Tests of actuators."""
-        return next((one.curves for one in self.of_kind(Curvature)), None)
-
-    @property
-    def breaks(self) -> BreakTable | None:
-        """Elongations at break of films."""
-        return next((one.table for one in self.of_kind(Breaks)), None)
-
-    @property
-    def statistics(self) -> tuple[Statistic, ...]:
-        """Means of replicates."""
-        return tuple(found for one in self.of_kind(Means) for found in one.statistics)
-
-    @property
-    def published(self) -> PublishedTests | None:
-        """Published tests of actuators."""
-        return next((one.tests for one in self.of_kind(RSquared)), None)
-
-    @property
-    def curvatures(self) -> Curvature:
-        """Readings of actuators.
-
-        Raises
-        ------
-        ValueError
-            If there is none.
-        """
-        found = self.of_kind(Curvature)
-        if not found:
-            raise ValueError("the model has no tests of actuators")
-        return found[0]
-
-    @property
-    def films_and_actuators(self) -> FilmsAndActuators:
-        """The world of films and actuators.
-
-        Raises
-        ------
-        TypeError
-            If it is another.
-        """
-        if not isinstance(self.world, FilmsAndActuators):
-            raise TypeError("the model is not of films and actuators")
-        return self.world
-
-    @property
-    def nodes(self) -> Nodes:
-        """Degradation rates at which constants are controlled [%]."""
-        return self.films_and_actuators.nodes
-
-    @property
-    def elongation_nodes(self) -> Nodes:
-        """Degradation rates at which the elongation at break is held [%]."""
-        return self.films_and_actuators.elongation_nodes
-
-    @property
-    def forward(self) -> ForwardMap:
-        """The forward map of actuators."""
-        return self.films_and_actuators.forward
-
-    @property
-    def paper_thickness(self) -> float:
-        """Paper thickness of the actuators [mm]."""
-        return self.films_and_actuators.paper_thickness
-
-    @property
-    def largest_pressure(self) -> float:
-        """Pressure that scales the emulator's common error [kPa]."""
-        return self.films_and_actuators.largest_pressure
-
-    @property
-    def degrades(self) -> bool:
-        """Whether the study has degradation; unknown for a user's forward map."""
-        world = self.world
-        return not isinstance(world, FilmsAndActuators) or world.degrades
-
-    @property
-    def has_elongation(self) -> bool:
-        """Whether the elongation at break is part of the model."""
-        return any(p.name == "elongation_scatter" for p in self.base)
-
-    def constants(self, values: Named, degradation: Floats) -> Floats:
-        """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
-        return self.films_and_actuators.constants(values, degradation)
-
-    def young_modulus(self, values: Named, degradation: Floats) -> Floats:
-        """Return Young's modulus of films with the active causes [MPa], (n, S)."""
-        return young_modulus(values, self.constants(values, degradation), self.causes)
-
-    def material(self, values: Named, degradation: Floats) -> Material:
-        """Return the median material at degradation rates (S,) or (n, S)."""
-        return self.films_and_actuators.material(values, degradation)
-
-    def elongation(self, values: Named, degradation: Floats) -> Floats:
-        """Return the median elongation at break [%] at degradation rates (S,), shape (n, S)."""
-        return self.films_and_actuators.elongation(values, degradation)
-
-    def stresses(self, values: Named, data: TensileCurves) -> Stresses:
-        """Return what films of the median material read in these tests."""
-        return median_stresses(self.tests(values), data)
-
-    def strength(self, values: Named) -> Strength:
-        """Return the elongation limit of the actuators, (n, n_specimens)."""
-        return strength_of(self.tests(values), self.curvatures.curves)
-
-    def actuator_linearised(self, values: Named) -> Linearised:
-        """Linearise the actuators' readings at their most probable deviations."""
-        return self.curvatures.linearised(self.state(values))
-
-    def range_excess(self, values: Named) -> Floats:
-        """Return how far outside the forward map's range each actuator is asked, (n, S)."""
-        return self.curvatures.range_excess(self.state(values))
-
-    def predict(self, values: Named, deviation: Floats | None = None) -> Predicted:
-        """Return readings expected of the actuators, see `Curvature.predicted`."""
-        return self.curvatures.predicted(self.tests(values), deviation)
-
-    def curvature(self, values: Named, deviation: Floats | None = None) -> Prediction:
-        """Return predictions for the actuators, (n, n_specimens, n_points)."""
-        return self.predict(values, deviation).prediction
-
-    def simulate(self, values: Named, generator: np.random.Generator) -> Floats:
-        """Draw readings of new actuators, see `Curvature.drawn`."""
-        return self.curvatures.drawn(self.tests(values), generator)
-
-    def simulate_curvature(self, values: Named, generator: np.random.Generator) -> Floats:
-        """Draw curvatures of new specimens [1/m], (n, n_specimens, n_points); see `simulate`."""
-        return self.simulate(values, generator)[..., : self.curvatures.curves.pressure.shape[1]]
-
-    def deviation_sd(self, values: Named) -> Floats:
-        """Return τ of each actuator, shape (n, n_specimens, 1)."""
-        return self.curvatures.deviation_sd(self.tests(values))
-
-    def draw_deviation(self, values: Named, generator: np.random.Generator) -> Floats:
-        """Draw each actuator's deviation of ln stiffness, shape (n, n_specimens, 1)."""
-        sd = self.deviation_sd(values)
-        return sd * generator.standard_normal(sd.shape)
-
-    def of_actuators(self, curves: ActuatorCurves) -> Self:
-        """Return the model of these tests of actuators."""
-        ruptures = (Rupture(curves),) if self.has_elongation else ()
-        return self.with_observations(Curvature(curves), *ruptures)
-
-    def with_readings(self, readings: Floats) -> Self:
-        """Return the model for other readings in the same tests, (n_specimens, n_readings)."""
-        return self.of_actuators(self.curvatures.curves.with_readings(readings))
 
 
 def _subset(one: Observations, kept: list[bool]) -> Observations:
@@ -720,8 +559,7 @@ def replicate(model: JointModel, values: Named, generator: np.random.Generator) 
 
     Examples
     --------
-    >>> from bayesdeg.observations.means import Means, Statistic
-    >>> from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
+    >>>     >>> from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
     >>> modulus = Statistic("young_modulus", 0.0, 1.7, 0.1, "published", 2.0)
     >>> films = FilmsAndActuators((0.0,))
     >>> model = JointModel(material_parameters((0.0,)), (Means((modulus,)),), films)
@@ -729,7 +567,7 @@ def replicate(model: JointModel, values: Named, generator: np.random.Generator) 
     >>> (6.0 * values["c1_at_0"]).round(2)  # Young's modulus [MPa]
     array([2.07])
     >>> again = replicate(model, values, np.random.default_rng(1))
-    >>> round(again.statistics[0].value, 2)
+    >>> round(again.data_of(Means).statistics[0].value, 2)
     2.13
     """
     state: State[Any] = model.tests(values)

@@ -12,8 +12,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.inference.importance import about_mode, refitted
 from bayesdeg.inference.laplace import Evidence, approximate, smoothed
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.curvature import Curvature
-from bayesdeg.observations.rupture import Rupture
+from bayesdeg.observations.kinds import Readings
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +73,7 @@ def take_in(
     independent: float = 1.0,
     enough: float = ENOUGH,
 ) -> Updated:
-    """Return the posterior with further actuator readings.
+    """Return the posterior with further readings of specimens.
 
     Parameters
     ----------
@@ -144,15 +143,14 @@ def reweighted(
 def _log_likelihood(
     model: JointModel, specimens: frozenset[str], values: dict[str, Floats]
 ) -> Floats:
-    """Return the log density of all readings of some actuators, (n,)."""
-    curves = model.curvatures.curves
-    rows = np.flatnonzero([name in specimens for name in curves.specimens])
-    if not len(rows):
+    """Return the log density of all readings of some specimens, (n,)."""
+    tested = [one for one in model.observations if one.is_criticised and one.uses_forward]
+    tested = [one for one in tested if not (isinstance(one, Readings) and one.shares)]
+    rows = [np.flatnonzero([name in specimens for name in one.labels]) for one in tested]
+    some = tuple(one.subset(of) for one, of in zip(tested, rows, strict=True) if len(of))
+    if not some:
         return np.zeros(len(next(iter(values.values()))))
-    some = curves.subset(rows)
-    ruptures = [Rupture(some)] if model.of_kind(Rupture) else []
-    tests = replace(model, observations=(Curvature(some), *ruptures))
-    blocks = tests.log_likelihood(values).values()
+    blocks = replace(model, observations=some).log_likelihood(values).values()
     total: Floats = np.sum([block.sum(axis=-1) for block in blocks], axis=0)
     return total
 

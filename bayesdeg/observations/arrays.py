@@ -1,12 +1,28 @@
-"""Ragged tables as padded arrays: specimens by observations."""
+"""Tests of specimens as padded arrays, and all that follows from them and a linearised law.
 
+Rows are specimens, columns their readings along a path of pressure or stretch. `PathReadings` is
+the base of the kinds of data that are read so: each adds its law.
+"""
+
+from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Protocol, Self, override
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from bayesdeg.observations.kinds import (
+    Deviations,
+    HeldOut,
+    Observations,
+    Parts,
+    Places,
+    Readings,
+    State,
+)
+from bayesdeg.observations.noise import Linearised, Paths, blocks_of_covariance, innovations
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -36,3 +52,148 @@ def chosen[T](data: T, rows: Rows) -> T:
             found[field.name] = chosen(value, rows) if is_dataclass(value) else value[rows]
     changed: T = replace(data, **found)  # type: ignore[type-var]
     return changed
+
+
+class SpecimenTests(Protocol):
+    """Tests of specimens along a path, without or with readings: what every record offers."""
+
+    @property
+    def specimens(self) -> tuple[str, ...]:
+        """Name of each specimen."""
+        ...
+
+    @property
+    def degradation(self) -> Floats:
+        """D_R of each specimen as measured [%]."""
+        ...
+
+    @property
+    def readings(self) -> Floats:
+        """The readings, output by output, (n_specimens, n_readings)."""
+        ...
+
+    @property
+    def paths(self) -> Paths:
+        """Sequence of the readings, and where there are any."""
+        ...
+
+    def subset(self, rows: Rows) -> Self:
+        """Return the tests of some specimens."""
+        ...
+
+    def with_readings(self, readings: Floats) -> Self:
+        """Return the same tests with different readings."""
+        ...
+
+
+def places_of_tests(
+    tests: SpecimenTests,
+    kinds: Sequence[str],
+    family: str,
+    along: Floats,
+    history: NDArray[np.str_],
+    *,
+    time: ArrayLike = np.nan,
+    humidity: ArrayLike = np.nan,
+) -> Places:
+    """Return the places of readings.
+
+    Parameters
+    ----------
+    tests : SpecimenTests
+        The tests.
+    kinds, family : sequence of str, str
+        Kind of each output, and the family of all.
+    along, history, time, humidity : array
+        As in `bayesdeg.observations.kinds.Places`, (n_specimens, n_points), or so broadcast.
+    """
+    read = tests.paths.mask
+    shape = (len(read), tests.paths.points)
+
+    def each[T: np.generic](values: NDArray[T]) -> NDArray[T]:
+        return np.tile(np.broadcast_to(values, shape), len(kinds))[read]
+
+    count = int(read.sum())
+    return Places(
+        np.broadcast_to(np.repeat(np.array(kinds), shape[1]), read.shape)[read],
+        np.full(count, family),
+        each(np.asarray(along, dtype=np.float64)),
+        each(np.asarray(tests.degradation, dtype=np.float64).reshape(-1, 1)),
+        each(np.array(tests.specimens, dtype=np.str_)[:, None]),
+        each(history),
+        each(np.asarray(time, dtype=np.float64)),
+        each(np.asarray(humidity, dtype=np.float64)),
+    )
+
+
+@dataclass(frozen=True)
+class PathReadings[T: SpecimenTests](Readings, HeldOut):
+    """Readings along paths, by a law that is linearised about the specimens' own deviations.
+
+    Parameters
+    ----------
+    tests : SpecimenTests
+        The readings.
+    """
+
+    tests: T
+
+    @abstractmethod
+    def linearised(self, state: State[Any]) -> Linearised:
+        """Linearise the readings."""
+
+    def conditioned(self, state: State[Any]) -> Linearised:
+        """Linearise them given other readings of the same specimens."""
+        return self.linearised(state)
+
+    @abstractmethod
+    def drawn(self, state: State[Any], generator: np.random.Generator) -> Floats:
+        """Draw readings of new specimens in the same tests, (n, n_specimens, n_readings)."""
+
+    @property
+    @override
+    def labels(self) -> tuple[str, ...]:
+        return self.tests.specimens
+
+    @property
+    @override
+    def levels(self) -> Floats:
+        return self.tests.degradation.ravel()
+
+    @override
+    def factors(self, state: State[Any]) -> Parts:
+        return Parts(normal=(innovations(self.conditioned(state)),))
+
+    @override
+    def subset(self, rows: Rows) -> Self:
+        return replace(self, tests=self.tests.subset(rows))
+
+    @property
+    @override
+    def observed(self) -> Floats:
+        return self.tests.readings[self.tests.paths.mask]
+
+    @override
+    def covariance(self, state: State[Any]) -> list[Floats]:
+        return blocks_of_covariance(self.linearised(state))
+
+    @override
+    def simulate(self, state: State[Any], generator: np.random.Generator) -> Floats:
+        return self.drawn(state, generator)[:, self.tests.paths.mask]
+
+    @override
+    def replicated(
+        self,
+        state: State[Any],
+        generator: np.random.Generator,
+        drawn: tuple[Observations, ...],
+    ) -> tuple[Observations, ...]:
+        tests = self.tests.with_readings(self.drawn(state, generator)[0])
+        return (*drawn, replace(self, tests=tests))
+
+    def of_own_deviations(self, state: State[Any]) -> Deviations:
+        """Return the effect of deviations of the specimens' ln stiffness."""
+        found, read = self.linearised(state), self.tests.paths.mask
+        slope, own = np.zeros((*read.shape, len(read))), np.arange(len(read))
+        slope[own, :, own] = found.slope[0, :, :, 0]
+        return Deviations(slope[read], found.spread[0, :, 0], self.levels)

@@ -1,7 +1,7 @@
 """Elongations at break of films."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, override
 
 import numpy as np
@@ -67,7 +67,9 @@ class Breaks(Observations):
     name: ClassVar[str] = "breaks"
     order: ClassVar[int] = 40
 
-    table: BreakTable
+    table: BreakTable = field(
+        default_factory=lambda: BreakTable((), np.empty(0), np.empty(0), np.empty(0))
+    )
 
     @property
     @override

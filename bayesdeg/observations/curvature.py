@@ -5,9 +5,9 @@ The inner loop computes densities of whole specimens from predictions in one com
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, Self, override
+from typing import ClassVar, NamedTuple, Protocol, Self, override
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order, recorded_batches
 from bayesdeg.data.plausibility import computed_angles
 from bayesdeg.data.study import Study
-from bayesdeg.observations.arrays import chosen, padded
+from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
 from bayesdeg.observations.kinds import (
     Deviations,
     Observations,
@@ -34,7 +34,6 @@ from bayesdeg.observations.noise import (
     LANES,
     Linearised,
     Paths,
-    blocks_of_covariance,
     correlated_normals,
     filter_of,
     innovations,
@@ -259,6 +258,15 @@ class ActuatorCurves:
             return replace(self, curvature=curvature)
         angle = np.where(self.angle_mask & self.mask, readings[:, points:], 0.0)
         return replace(self, curvature=curvature, bend_angle=angle)
+
+
+def no_actuators() -> ActuatorCurves:
+    """Return tests of no actuator."""
+    none, never, words = np.empty((0, 1)), np.empty((0, 1), bool), np.empty((0, 1), np.str_)
+    whole = np.empty((0, 1), np.int64)
+    return ActuatorCurves(
+        (), *(none,) * 6, never, none, *(never,) * 3, whole, words, none, none, words
+    )  # fmt: skip
 
 
 def actuator_curves(study: Study) -> ActuatorCurves | None:
@@ -732,12 +740,12 @@ def _readings(
 
 
 @dataclass(frozen=True)
-class Curvature(Observations):
+class Curvature(PathReadings[ActuatorCurves]):
     """Curvatures of actuators, and bend angles where recorded.
 
     Parameters
     ----------
-    curves : ActuatorCurves
+    tests : ActuatorCurves
         The readings.
     of_lines : bool
         Whether curvature and angle were read from the same points.
@@ -753,14 +761,14 @@ class Curvature(Observations):
         "bend_angle_noise_floor": "bend_angle_deg",
     }
 
-    curves: ActuatorCurves
+    tests: ActuatorCurves = field(default_factory=no_actuators)
     of_lines: bool = False
 
     @property
     @override
     def parameters(self) -> tuple[Parameter, ...]:
-        own = actuator_parameters(float(self.curves.pressure.max()))
-        if not self.curves.with_angle:
+        own = actuator_parameters(float(self.tests.pressure.max()))
+        if not self.tests.with_angle:
             return own
         *errors, correlation = BEND_ANGLE
         law = _OF_ONE_LINE if self.of_lines else correlation.law
@@ -771,73 +779,42 @@ class Curvature(Observations):
     def error_parameters(self) -> tuple[Parameter, ...]:
         return EMULATOR
 
-    @property
-    @override
-    def labels(self) -> tuple[str, ...]:
-        return self.curves.specimens
-
-    @property
-    @override
-    def levels(self) -> Floats:
-        return self.curves.degradation.ravel()
-
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        density, prediction = state.once(log_density, self.curves)
-        found: Floats = density - 0.5 * range_excess(self.curves, prediction) ** 2
+        density, prediction = state.once(log_density, self.tests)
+        found: Floats = density - 0.5 * range_excess(self.tests, prediction) ** 2
         return found
 
     @override
     def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        curves, predicted = state.once(linearise_actuators, self.curves)
-        excess = range_excess(self.curves, predicted.prediction)
+        curves, predicted = state.once(linearise_actuators, self.tests)
+        excess = range_excess(self.tests, predicted.prediction)
         return Parts((innovations(curves),), ((-0.5 * excess**2, excess),))
-
-    @override
-    def subset(self, rows: Rows) -> "Curvature":
-        return replace(self, curves=self.curves.subset(rows))
 
     @cached_property
     @override
     def places(self) -> Places:
-        data, read = self.curves, self.curves.paths.mask
-        outputs = read.shape[1] // data.pressure.shape[1]
-
-        def each(values: NDArray[Any]) -> NDArray[Any]:
-            whole = np.broadcast_to(values, data.pressure.shape)
-            return np.tile(whole, outputs)[read]
-
-        history = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
-        kinds = np.repeat(np.array([CURVATURE, ANGLE][:outputs]), data.pressure.shape[1])
-        return Places(
-            np.broadcast_to(kinds, read.shape)[read],
-            np.full(int(read.sum()), ACTUATOR),
-            each(data.pressure).astype(np.float64),
-            each(data.degradation).astype(np.float64),
-            each(np.array(data.specimens)[:, None]).astype(np.str_),
-            each(np.char.add(np.char.add(history, " "), data.mount)).astype(np.str_),
-            each(data.time).astype(np.float64),
-            each(data.humidity).astype(np.float64),
+        data = self.tests
+        path = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
+        return places_of_tests(
+            data,
+            (CURVATURE, ANGLE) if data.with_angle else (CURVATURE,),
+            ACTUATOR,
+            data.pressure,
+            np.char.add(np.char.add(path, " "), data.mount),
+            time=data.time,
+            humidity=data.humidity,
         )
-
-    @property
-    @override
-    def observed(self) -> Floats:
-        return self.curves.readings[self.curves.paths.mask]
 
     @override
     def expected(self, state: State[FilmsAndActuators]) -> Floats:
-        return self.predicted(state).mean[:, self.curves.paths.mask]
-
-    @override
-    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
-        return blocks_of_covariance(self.linearised(state))
+        return self.predicted(state).mean[:, self.tests.paths.mask]
 
     @override
     def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        readings = state.anew(draw_readings, self.curves, generator).readings.copy()
+        readings = state.anew(draw_readings, self.tests, generator).readings.copy()
         readings[self.range_excess(state).max(axis=1) > FARTHEST] = np.nan
-        return readings[:, self.curves.paths.mask]
+        return readings[:, self.tests.paths.mask]
 
     @override
     def replicated(
@@ -846,29 +823,24 @@ class Curvature(Observations):
         generator: np.random.Generator,
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
-        readings = state.once(draw_readings, self.curves, generator).readings
-        return (*drawn, replace(self, curves=self.curves.with_readings(readings[0])))
+        readings = state.once(draw_readings, self.tests, generator).readings
+        return (*drawn, replace(self, tests=self.tests.with_readings(readings[0])))
 
     @override
     def deviations(self, state: State[FilmsAndActuators]) -> Deviations:
-        curves = self.linearised(state)
-        mask = curves.paths.mask
-        read = np.zeros((*mask.shape, len(mask)))
-        own = np.arange(len(mask))
-        read[own, :, own] = curves.slope[0, :, :, 0]
-        return Deviations(read[mask], curves.spread[0, :, 0], self.curves.degradation[:, 0])
+        return self.of_own_deviations(state)
 
     @override
     def refused(self, state: State[FilmsAndActuators]) -> Flags:
         status = self.predicted(state).prediction.status
-        outside: Flags = np.any((status != Status.CONVERGED) & self.curves.mask, axis=(-2, -1))
+        outside: Flags = np.any((status != Status.CONVERGED) & self.tests.mask, axis=(-2, -1))
         return outside
 
     @override
     def watched(
         self, world: FilmsAndActuators, report: Callable[[Flags], None]
     ) -> FilmsAndActuators:
-        return world.watched(self.curves.mask, report)
+        return world.watched(self.tests.mask, report)
 
     def predicted(
         self, state: State[FilmsAndActuators], deviation: Floats | None = None
@@ -883,12 +855,13 @@ class Curvature(Observations):
             Deviation of each specimen's ln stiffness; by default 0.
         """
         if deviation is None:
-            deviation = np.zeros((*state.once(parts_of, self.curves).spread.shape, 1))
-        return predict(state, self.curves, deviation)
+            deviation = np.zeros((*state.once(parts_of, self.tests).spread.shape, 1))
+        return predict(state, self.tests, deviation)
 
+    @override
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
         """Linearise the readings at the actuators' most probable deviations."""
-        return state.once(linearise_actuators, self.curves)[0]
+        return state.once(linearise_actuators, self.tests)[0]
 
     def range_excess(self, state: State[FilmsAndActuators]) -> Floats:
         """Return how far outside the forward map's range each actuator lies, (n, S).
@@ -896,12 +869,20 @@ class Curvature(Observations):
         At the most probable deviations of the specimens, as in the density: the log likelihood
         falls with half its square; 0 inside.
         """
-        return range_excess(self.curves, state.once(linearise_actuators, self.curves)[1].prediction)
+        return range_excess(self.tests, state.once(linearise_actuators, self.tests)[1].prediction)
 
     def deviation_sd(self, state: State[FilmsAndActuators]) -> Floats:
         """Return τ of each actuator, shape (n, n_specimens, 1)."""
-        return np.sqrt(state.once(parts_of, self.curves).spread)[..., None]
+        return np.sqrt(state.once(parts_of, self.tests).spread)[..., None]
 
+    def drawn_deviations(
+        self, state: State[FilmsAndActuators], generator: np.random.Generator
+    ) -> Floats:
+        """Draw deviations of new specimens' ln stiffness, (n, n_specimens, 1)."""
+        sd = self.deviation_sd(state)
+        return sd * generator.standard_normal(sd.shape)
+
+    @override
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens in the same tests, one set per draw.
 
@@ -910,7 +891,7 @@ class Curvature(Observations):
         array, shape (n, n_specimens, n_readings)
             Curvatures [1/m], then bend angles [°]; nan where the forward map has no solution.
         """
-        return draw_readings(state, self.curves, generator).readings
+        return draw_readings(state, self.tests, generator).readings
 
     @override
     def stored(
@@ -919,7 +900,7 @@ class Curvature(Observations):
         tests: State[FilmsAndActuators],
         generator: np.random.Generator,
     ) -> list[Stored]:
-        data = self.curves
+        data = self.tests
         pointwise = sequential(self.linearised(state))
         replicates = self.drawn(tests, generator)
         points, found = data.pressure.shape[1], []

@@ -23,7 +23,7 @@ tip held, `HeldTip`; the beam is for forces alone.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, override
 
 import numpy as np
@@ -46,13 +46,13 @@ from bayesdeg.data.tables import (
     number,
     of_actuators,
 )
-from bayesdeg.errors import BayesdegError, Fault, StudyError
+from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.curvature import actuator_parameters, mechanics_inputs, parts_of
 from bayesdeg.observations.kinds import State
 from bayesdeg.observations.noise import Linearised
 from bayesdeg.observations.pressures import ReadAtPressures, pressure_tests
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.priors import HalfNormal, LogNormal, Normal, Parameter, Uniform
+from bayesdeg.priors import HalfNormal, LogNormal, Normal, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -73,8 +73,6 @@ _FORCE = (
     # load cells for 1 N resolve some millinewtons
     Parameter("force_noise_floor", HalfNormal(0.02), "N", "constant reading error of force"),
 )
-_MEANING = "correlation length of reading errors of force in pressure"
-SHORTEST_NOISE, LONGEST_NOISE = 0.005, 0.15  # of the pressure range, as for curvature
 LEAST = 1e-3  # smallest relative change of the force by which a cause is visible
 
 
@@ -126,16 +124,7 @@ def _forces(state: State[FilmsAndActuators], data: "TipForce") -> Linearised:
     mean, slope = (
         values["force_gain"][:, None, None] * one for one in blocked_force(met, data.mould)
     )
-    noise, floor = (values[f"force_noise{end}"][:, None, None] for end in ("", "_floor"))
-    return Linearised(
-        data.tests.read - mean,
-        slope[..., None],
-        floor**2 + (noise * mean) ** 2,
-        parts.spread[..., None],
-        values["force_noise_length"],
-        np.zeros(len(mean)),
-        data.tests.paths,
-    )
+    return data.of_mean(values, mean, slope, parts.spread)
 
 
 @dataclass(frozen=True)
@@ -169,9 +158,8 @@ class TipForce(ReadAtPressures):
     def parameters(self) -> tuple[Parameter, ...]:
         largest = float(self.tests.conditions.pressure.max())
         of_parts = {p.name: p for p in actuator_parameters(largest)}
-        length = Uniform(SHORTEST_NOISE * largest, LONGEST_NOISE * largest)
         shared = (of_parts["volume_ratio"], of_parts["paper_stiffness"])
-        return (*shared, *_FORCE, Parameter("force_noise_length", length, "kPa", _MEANING))
+        return (*shared, *_FORCE, self.length_parameter())
 
     @override
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
@@ -229,10 +217,8 @@ class HeldTip(ReadAtPressures):
     @property
     @override
     def parameters(self) -> tuple[Parameter, ...]:
-        largest = float(self.tests.conditions.pressure.max())
-        length = Uniform(SHORTEST_NOISE * largest, LONGEST_NOISE * largest)
         noise = (one for one in _FORCE if one.name != _CELL.name)
-        return (_CELL, *noise, Parameter("force_noise_length", length, "kPa", _MEANING))
+        return (_CELL, *noise, self.length_parameter())
 
     @property
     @override
@@ -250,24 +236,13 @@ def _held_forces(state: State[FilmsAndActuators], data: HeldTip) -> Linearised:
     F = C1 f(p/C1), so its derivative by ln stiffness is F − p ∂F/∂p.
     """
     values, parts = state.values, state.once(parts_of, data.tests)
-    met = mechanics_inputs(state, data.tests, np.zeros((*parts.spread.shape, 1)))
-    found = state.world.forward(replace(met, asked=data.asks)).further
-    if found is None:
-        raise BayesdegError("the forward map of this model does not predict tip forces")
+    found = data.answered(state, np.zeros((*parts.spread.shape, 1)))
     shape = (*parts.spread.shape, data.tests.mask.shape[1])
     error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
     gain = values["force_gain"][:, None, None]
     mean = np.broadcast_to(gain * (found.value + error * found.sd), shape)
-    noise, floor = (values[f"force_noise{end}"][:, None, None] for end in ("", "_floor"))
-    return Linearised(
-        data.tests.read - mean,
-        np.broadcast_to(gain * (found.value - found.slope), shape)[..., None],
-        floor**2 + (noise * mean) ** 2,
-        parts.spread[..., None],
-        values["force_noise_length"],
-        np.zeros(len(state)),
-        data.tests.paths,
-    )
+    slope = np.broadcast_to(gain * (found.value - found.slope), shape)
+    return data.of_mean(values, mean, slope, parts.spread)
 
 
 def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:
@@ -275,12 +250,8 @@ def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:
 
     With curvatures, finite elements predict both; without them, a beam model does.
     """
-    table = study.table(TABLE.name)
-    tests = (
-        None
-        if table is None
-        else pressure_tests(table, "tip_force_N", batch_order(study.tensile, study.actuator))
-    )
+    batches = batch_order(study.tensile, study.actuator)
+    tests = pressure_tests(study.table(TABLE.name), TipForce.column, batches)
     if tests is None:
         return ()
     if study.actuator is not None:

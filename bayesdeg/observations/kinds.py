@@ -2,12 +2,12 @@
 
 A kind of data is one module of this package. Its class says what was read, where, and by which law,
 so code that fits, holds out, simulates or criticises never depends on a particular kind. A subclass
-of the protocol inherits its defaults: no readings to criticise, no factors.
+of the protocols inherits their defaults.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,11 @@ class World(Protocol):
     @property
     def is_factored(self) -> bool:
         """Whether densities without data provide their factors."""
+        ...
+
+    @property
+    def degrades(self) -> bool:
+        """Whether anything in the study degrades; assumed where it is unknown."""
         ...
 
     @property
@@ -198,21 +203,6 @@ class Deviations(NamedTuple):
     level: Floats
 
 
-class Compared(NamedTuple):
-    """A measured mean and its model value.
-
-    Parameters
-    ----------
-    mean
-        The measurement, with ``value``, ``se`` and ``dof``.
-    expected : array, shape (n,)
-        The model value of each draw.
-    """
-
-    mean: Any
-    expected: Floats
-
-
 class Scale(NamedTuple):
     """Unit of a kind of reading, and the axis against which it is plotted.
 
@@ -260,7 +250,9 @@ class Stored(NamedTuple):
 class Observations(Protocol):
     """One kind of data.
 
-    Rows are independent given the parameters: specimens, or published statistics.
+    Rows are independent given the parameters: specimens, or published statistics. A kind needs a
+    name, labels, a density and how to choose rows; everything else has a default. One that is
+    compared reading by reading is also `Readings`, one that may be left out by groups `HeldOut`.
 
     Parameters
     ----------
@@ -268,33 +260,20 @@ class Observations(Protocol):
         Name of the kind, as in the groups of a posterior file.
     order : int
         Kinds of smaller order are simulated and shown first.
-    priority : int
-        A model holds out the kind of highest priority; kinds of priority 0 are held out only on
-        request.
     is_criticised : bool
-        Whether its readings are used to criticise a model.
-    follows : str
-        The kind that was read on the same specimens: they are held out together.
+        Whether its readings or events are used to criticise a model.
     uses_forward : bool
         Whether it needs the forward map.
-    beside : bool
-        Whether it is held out in addition to the kind of highest priority, to compare causes.
     asks : str
         What it needs of the forward map besides the shape, as in `bayesdeg.actuator.inputs.Inputs`.
-    shares : str
-        The kind whose specimens' deviations also act on its readings; labels are equal.
     floors : mapping of str to str
         Parameters of constant reading errors, and the column of each.
     """
 
     name: ClassVar[str]
     order: ClassVar[int] = 100
-    priority: ClassVar[int] = 0
     is_criticised: ClassVar[bool] = False
-    follows: ClassVar[str] = ""
     uses_forward: ClassVar[bool] = False
-    beside: ClassVar[bool] = False
-    shares: ClassVar[str] = ""
     asks: ClassVar[Asked] = ""
     floors: ClassVar[Mapping[str, str]] = {}
 
@@ -340,21 +319,6 @@ class Observations(Protocol):
         return self.labels
 
     @property
-    def row_groups(self) -> tuple[str, ...]:
-        """Hold-out group of each row; empty if never held out."""
-        return self.labels
-
-    @property
-    def is_by_mode(self) -> bool:
-        """Whether all specimens of a test mode are held out together."""
-        return False
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Groups that can be held out in turn."""
-        return tuple(name for name in dict.fromkeys(self.row_groups) if name)
-
-    @property
     def levels(self) -> Floats:
         """Degradation rates of specimens, at which the material must be stable [%]."""
         return np.empty(0)
@@ -381,10 +345,48 @@ class Observations(Protocol):
         """Return some of the rows."""
         ...
 
+    def replicated(
+        self,
+        state: State[Any],
+        generator: np.random.Generator,
+        drawn: tuple["Observations", ...],
+    ) -> tuple["Observations", ...]:
+        """Return the draws so far and replicates of this kind, for one vector."""
+        return (*drawn, self)
+
+    def start(self, world: Any) -> dict[str, float]:
+        """Return values of parameters that the readings alone suggest."""
+        return {}
+
+    def refused(self, state: State[Any]) -> Flags:
+        """Return for which vectors the forward map has no solution for some reading, (n,)."""
+        return np.zeros(len(state), dtype=bool)
+
+    def watched(self, world: Any, report: Callable[[Flags], None]) -> Any:
+        """Return a world that reports which vectors it refused these readings, (n,)."""
+        return world
+
+    def reveals(self, cause: Cause) -> bool:
+        """Return whether it reveals a cause by itself, without curvatures or tensile curves."""
+        return False
+
+
+@runtime_checkable
+class Readings(Observations, Protocol):
+    """A kind of data that is compared with a model reading by reading.
+
+    Parameters
+    ----------
+    shares : str
+        The kind whose specimens' deviations also act on its readings; labels are equal.
+    """
+
+    shares: ClassVar[str] = ""
+
     @property
     def places(self) -> Places:
-        """Places of the readings; empty if not criticised reading by reading."""
-        return NOWHERE
+        """Places of the readings."""
+        ...
 
     @property
     def scales(self) -> Mapping[str, Scale]:
@@ -399,61 +401,23 @@ class Observations(Protocol):
     @property
     def observed(self) -> Floats:
         """The readings, (n,)."""
-        return np.empty(0)
+        ...
 
     def expected(self, state: State[Any]) -> Floats:
         """Return readings of mean specimens, (k, n); nan if refused."""
-        return np.empty((len(state), 0))
+        ...
 
     def covariance(self, state: State[Any]) -> list[Floats]:
         """Return covariances of readings about them, specimen by specimen, for one vector."""
-        return []
+        ...
 
     def simulate(self, state: State[Any], generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens in the same tests, (k, n); nan where refused."""
-        return np.empty((len(state), 0))
-
-    def replicated(
-        self,
-        state: State[Any],
-        generator: np.random.Generator,
-        drawn: tuple["Observations", ...],
-    ) -> tuple["Observations", ...]:
-        """Return the draws so far and replicates of this kind, for one vector."""
-        return (*drawn, self)
-
-    def start(self, world: Any) -> dict[str, float]:
-        """Return values of parameters that the readings alone suggest."""
-        return {}
+        ...
 
     def deviations(self, state: State[Any]) -> Deviations:
         """Return the effect of specimens' own deviations, for one vector."""
         return Deviations(np.empty((len(self.places), 0)), np.empty(0), np.empty(0))
-
-    def refused(self, state: State[Any]) -> Flags:
-        """Return for which vectors the forward map has no solution for some reading, (n,)."""
-        return np.zeros(len(state), dtype=bool)
-
-    def watched(self, world: Any, report: Callable[[Flags], None]) -> Any:
-        """Return a world that reports which vectors it refused these readings, (n,)."""
-        return world
-
-    def reveals(self, cause: Cause) -> bool:
-        """Return whether it reveals a cause by itself, without curvatures or tensile curves."""
-        return False
-
-    def compared(self, state: State[Any]) -> list[Compared]:
-        """Return measured means with their model values."""
-        return []
-
-    @property
-    def events(self) -> int | None:
-        """Number of specimens with the recorded event; None if it records no event."""
-        return None
-
-    def held_beside(self) -> Self:
-        """Return it as held out in addition to another kind."""
-        return self
 
     def stored(
         self, state: State[Any], tests: State[Any], generator: np.random.Generator
@@ -468,3 +432,42 @@ class Observations(Protocol):
             Draws replicates.
         """
         return []
+
+
+@runtime_checkable
+class HeldOut(Observations, Protocol):
+    """A kind of data that may be left out group by group.
+
+    Parameters
+    ----------
+    priority : int
+        A model holds out the kind of highest priority; kinds of priority 0 are held out only on
+        request.
+    follows : str
+        The kind that was read on the same specimens: they are held out together.
+    beside : bool
+        Whether it is held out in addition to the kind of highest priority, to compare causes.
+    """
+
+    priority: ClassVar[int] = 0
+    follows: ClassVar[str] = ""
+    beside: ClassVar[bool] = False
+
+    @property
+    def row_groups(self) -> tuple[str, ...]:
+        """Hold-out group of each row; empty if never held out."""
+        return self.labels
+
+    @property
+    def is_by_mode(self) -> bool:
+        """Whether all specimens of a test mode are held out together."""
+        return False
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups that can be held out in turn."""
+        return tuple(name for name in dict.fromkeys(self.row_groups) if name)
+
+    def held_beside(self) -> Self:
+        """Return it as held out in addition to another kind."""
+        return self

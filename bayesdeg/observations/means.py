@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar, override
+from typing import ClassVar, NamedTuple, override
 
 import numpy as np
 import pandas as pd
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.shrinkage import film_masses, mean_over_films
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.observations.kinds import Compared, Observations, Parts, Rows, State
+from bayesdeg.observations.kinds import HeldOut, Observations, Parts, Rows, State
 from bayesdeg.observations.noise import student, student_information
 from bayesdeg.observations.specimens import FilmsAndActuators, modulus_100, young_modulus
 from bayesdeg.priors import Named
@@ -50,6 +50,21 @@ class Statistic:
     se: float
     source: str
     dof: float = float("inf")
+
+
+class Compared(NamedTuple):
+    """A measured mean and its model value.
+
+    Parameters
+    ----------
+    mean : Statistic
+        The measurement.
+    expected : array, shape (n,)
+        The model value of each draw.
+    """
+
+    mean: Statistic
+    expected: Floats
 
 
 def statistics(study: Study) -> tuple[Statistic, ...]:
@@ -138,20 +153,20 @@ def _kinds_of(statistics: tuple[Statistic, ...]) -> tuple[Floats, Flags, Flags, 
 
 
 @dataclass(frozen=True)
-class Means(Observations):
+class Means(HeldOut):
     """Means of replicates.
 
     Parameters
     ----------
     statistics : tuple of Statistic
-        At least one.
+        The means.
     """
 
     name: ClassVar[str] = "statistics"
     order: ClassVar[int] = 50
     beside: ClassVar[bool] = True
 
-    statistics: tuple[Statistic, ...]
+    statistics: tuple[Statistic, ...] = ()
 
     @override
     def among(self, others: tuple[Observations, ...]) -> "Means":
@@ -216,8 +231,8 @@ class Means(Observations):
         )
         return (*drawn, Means(tuple(again)))
 
-    @override
     def compared(self, state: State[FilmsAndActuators]) -> list[Compared]:
+        """Return the means with their model values."""
         pairs = zip(self.statistics, self._expected(state).T, strict=True)
         return [Compared(statistic, expected) for statistic, expected in pairs]
 

@@ -4,7 +4,6 @@
 the readings linearised about the specimens' deviations.
 """
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,33 +13,30 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.actuator.inputs import Further
 from bayesdeg.causes.cause import Conditions
 from bayesdeg.data.batches import batch_numbers
-from bayesdeg.observations.arrays import chosen, padded
-from bayesdeg.observations.kinds import (
-    Observations,
-    Parts,
-    Places,
-    Rows,
-    Scale,
-    State,
-    Stored,
-)
+from bayesdeg.errors import BayesdegError
+from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
+from bayesdeg.observations.curvature import LONGEST_NOISE, mechanics_inputs
+from bayesdeg.observations.kinds import Places, Rows, Scale, State, Stored
 from bayesdeg.observations.noise import (
     LOG_TWO_PI,
     Linearised,
     Paths,
-    blocks_of_covariance,
     correlated_normals,
     innovations,
     paths_of,
     sequential,
 )
 from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.priors import Named, Parameter, Uniform
 from bayesdeg.quantities import QUANTITIES, axis_label
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+SHORTEST_NOISE = 0.005  # of the pressure range, as for curvature
 
 
 @dataclass(frozen=True)
@@ -78,35 +74,24 @@ class PressureTests:
         """Return the tests of some specimens."""
         return chosen(self, rows)
 
-    def places(self, kind: str) -> Places:
-        """Return the places of the readings, of this kind and their own family."""
-        set_to, read = self.conditions, self.mask
+    @property
+    def readings(self) -> Floats:
+        """The readings, (n_specimens, n_points)."""
+        return self.read
 
-        def each[T: np.generic](values: NDArray[T]) -> NDArray[T]:
-            return np.broadcast_to(values, read.shape)[read]
-
-        branch = np.where(set_to.unloading, "unloading", "loading")
-        history = np.char.add(np.char.add(branch, " "), set_to.cycle.astype(np.str_))
-        count = int(read.sum())
-        return Places(
-            np.full(count, kind),
-            np.full(count, kind),
-            each(set_to.pressure),
-            each(self.degradation),
-            each(np.array(self.specimens)[:, None]),
-            each(np.char.add(np.char.add(history, " "), set_to.mount)),
-            each(set_to.time),
-        )
+    def with_readings(self, readings: Floats) -> Self:
+        """Return the same tests with different readings."""
+        return replace(self, read=np.where(self.mask, readings, 0.0))
 
 
 def pressure_tests(
-    table: pd.DataFrame, column: str, batches: Sequence[str] = ()
+    table: pd.DataFrame | None, column: str, batches: Sequence[str] = ()
 ) -> PressureTests | None:
     r"""Return the readings in one column of tests at pressures; None if there are none.
 
     Parameters
     ----------
-    table : DataFrame
+    table : DataFrame, optional
         The table as read.
     column : str
         The column of the readings.
@@ -124,7 +109,7 @@ def pressure_tests(
     >>> pressure_tests(table, "bend_angle_deg").read
     array([[4., 9.]])
     """
-    if column not in table:
+    if table is None or column not in table:
         return None
     groups = [group for _, group in table.groupby("specimen_id", sort=False)]
     size = max(map(len, groups))
@@ -157,7 +142,7 @@ def pressure_tests(
 
 
 @dataclass(frozen=True)
-class ReadAtPressures(Observations):
+class ReadAtPressures(PathReadings[PressureTests]):
     """One quantity read on actuators at pressures.
 
     Parameters
@@ -179,13 +164,56 @@ class ReadAtPressures(Observations):
 
     tests: PressureTests
 
-    @abstractmethod
-    def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
-        """Linearise readings at zero deviation of the specimens' ln stiffness."""
+    def length_parameter(self) -> Parameter:
+        """Return the correlation length of reading errors in pressure [kPa], with its prior."""
+        largest = float(self.tests.conditions.pressure.max())
+        law = Uniform(SHORTEST_NOISE * largest, LONGEST_NOISE * largest)
+        meaning = f"correlation length of reading errors of {self.name} in pressure"
+        return Parameter(f"{self.name}_noise_length", law, "kPa", meaning)
 
-    def conditioned(self, state: State[FilmsAndActuators]) -> Linearised:
-        """Linearise readings given other readings of the same specimens."""
-        return self.linearised(state)
+    def of_mean(self, values: Named, mean: Floats, slope: Floats, spread: Floats) -> Linearised:
+        """Return the law of readings about their mean.
+
+        Parameters
+        ----------
+        values : mapping
+            Named values, (n,).
+        mean, slope : array, shape (n, n_specimens, n_points)
+            And its derivative with respect to the specimens' deviations of ln stiffness.
+        spread : array, shape (n, n_specimens)
+            τ² of the deviations.
+        """
+        noise, floor = (values[f"{self.name}_noise{end}"][:, None, None] for end in ("", "_floor"))
+        return Linearised(
+            self.tests.read - mean,
+            slope[..., None],
+            floor**2 + (noise * mean) ** 2,
+            spread[..., None],
+            values[f"{self.name}_noise_length"],
+            np.zeros(len(mean)),
+            self.tests.paths,
+        )
+
+    def answered(self, state: State[FilmsAndActuators], deviation: Floats) -> Further:
+        """Return what the forward map predicts beyond the shape.
+
+        Parameters
+        ----------
+        state : State
+            Named values, (n,).
+        deviation : array, shape (n, n_specimens, 1)
+            Of each specimen's ln stiffness.
+
+        Raises
+        ------
+        BayesdegError
+            If it does not predict this quantity.
+        """
+        met = mechanics_inputs(state, self.tests, deviation)
+        found = state.world.forward(replace(met, asked=self.asks)).further
+        if found is None:
+            raise BayesdegError(f"the forward map of this model does not predict {self.reading}s")
+        return found
 
     def drawn_deviations(
         self, state: State[FilmsAndActuators], generator: np.random.Generator
@@ -195,15 +223,15 @@ class ReadAtPressures(Observations):
         deviation: Floats = sd * generator.standard_normal(sd.shape)
         return deviation
 
-    @property
     @override
-    def labels(self) -> tuple[str, ...]:
-        return self.tests.specimens
-
-    @property
-    @override
-    def levels(self) -> Floats:
-        return self.tests.degradation.ravel()
+    def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
+        """Draw readings of new specimens, (n, n_specimens, n_points)."""
+        found = self.linearised(state)
+        moved = self.drawn_deviations(state, generator) * found.slope[..., 0]
+        z = correlated_normals(found.paths, found.length, found.correlation, generator)
+        mean = self.tests.read - found.residual
+        drawn: Floats = mean + moved + np.sqrt(found.variance) * z
+        return drawn
 
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
@@ -213,18 +241,17 @@ class ReadAtPressures(Observations):
         total: Floats = each.sum(axis=-1)
         return total
 
-    @override
-    def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        return Parts(normal=(innovations(self.conditioned(state)),))
-
-    @override
-    def subset(self, rows: Rows) -> Self:
-        return replace(self, tests=self.tests.subset(rows))
-
     @property
     @override
     def places(self) -> Places:
-        return self.tests.places(self.reading)
+        set_to = self.tests.conditions
+        branch = np.where(set_to.unloading, "unloading", "loading")
+        path = np.char.add(np.char.add(branch, " "), set_to.cycle.astype(np.str_))
+        history = np.char.add(np.char.add(path, " "), set_to.mount)
+        kind = self.reading
+        return places_of_tests(
+            self.tests, (kind,), kind, set_to.pressure, history, time=set_to.time
+        )
 
     @property
     @override
@@ -232,32 +259,9 @@ class ReadAtPressures(Observations):
         unit = QUANTITIES[self.column].unit
         return {self.reading: Scale(unit, axis_label("pressure_kPa"), "%")}
 
-    @property
-    @override
-    def observed(self) -> Floats:
-        return self.tests.read[self.tests.mask]
-
     @override
     def expected(self, state: State[FilmsAndActuators]) -> Floats:
-        return self._mean(self.linearised(state))[:, self.tests.mask]
-
-    @override
-    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
-        return blocks_of_covariance(self.linearised(state))
-
-    @override
-    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        return self._drawn(state, generator)[:, self.tests.mask]
-
-    @override
-    def replicated(
-        self,
-        state: State[FilmsAndActuators],
-        generator: np.random.Generator,
-        drawn: tuple[Observations, ...],
-    ) -> tuple[Observations, ...]:
-        read = np.where(self.tests.mask, self._drawn(state, generator)[0], 0.0)
-        return (*drawn, replace(self, tests=replace(self.tests, read=read)))
+        return (self.tests.read - self.linearised(state).residual)[:, self.tests.mask]
 
     @override
     def stored(
@@ -278,20 +282,8 @@ class ReadAtPressures(Observations):
                 f"{self.name}_observation",
                 self.observed,
                 sequential(self.conditioned(state))[:, mask],
-                self._drawn(tests, generator)[:, mask],
+                self.drawn(tests, generator)[:, mask],
                 labels,
                 {},
             )
         ]
-
-    def _mean(self, found: Linearised) -> Floats:
-        mean: Floats = self.tests.read - found.residual
-        return mean
-
-    def _drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        """Draw readings of new specimens, (n, n_specimens, n_points)."""
-        found = self.linearised(state)
-        moved = self.drawn_deviations(state, generator) * found.slope[..., 0]
-        z = correlated_normals(found.paths, found.length, found.correlation, generator)
-        drawn: Floats = self._mean(found) + moved + np.sqrt(found.variance) * z
-        return drawn

@@ -16,7 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import Acting, applied
-from bayesdeg.observations.kinds import Labels, Observations, Places, Rows, Scale, State, Stored
+from bayesdeg.observations.kinds import (
+    HeldOut,
+    Labels,
+    Observations,
+    Places,
+    Readings,
+    Rows,
+    Scale,
+    State,
+    Stored,
+)
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
@@ -119,6 +129,11 @@ class Formula:
         return False
 
     @property
+    def degrades(self) -> bool:
+        """Whether anything in the study degrades: unknown, so assumed."""
+        return True
+
+    @property
     def is_factored(self) -> bool:
         """Whether densities without data provide their factors."""
         return False
@@ -203,7 +218,7 @@ def check_shapes(observed: Floats, places: Places, group: Labels, rows: Rows | s
 
 
 @dataclass(frozen=True)
-class FormulaReadings(Observations):
+class FormulaReadings(Readings, HeldOut):
     """Readings of a `Formula`, with normal errors.
 
     Parameters

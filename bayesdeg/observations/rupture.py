@@ -1,6 +1,6 @@
 """Pressures at which actuators burst, or which they survived."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, override
 
 import numpy as np
@@ -18,11 +18,18 @@ from bayesdeg.observations.curvature import (
     estimated_degradation,
     linearise_actuators,
     log_density,
+    no_actuators,
 )
-from bayesdeg.observations.kinds import Observations, Parts, Rows, State
+from bayesdeg.observations.kinds import HeldOut, Observations, Parts, Rows, State
 from bayesdeg.observations.noise import event_signal
-from bayesdeg.observations.specimens import FilmsAndActuators, elongation_spread, shared
+from bayesdeg.observations.specimens import (
+    FilmsAndActuators,
+    elongation_spread,
+    has_elongation,
+    shared,
+)
 from bayesdeg.observations.volume import CavityVolume
+from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -79,14 +86,14 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
 
 
 @dataclass(frozen=True)
-class Rupture(Observations):
+class Rupture(HeldOut):
     """Whether each actuator burst, on the specimens whose curvature was read.
 
     It needs the parameters of the elongation at break.
 
     Parameters
     ----------
-    curves : ActuatorCurves
+    tests : ActuatorCurves
         The same as those of `bayesdeg.observations.curvature.Curvature`: predictions at the
         specimens' most probable stiffness are computed once for both.
     """
@@ -97,33 +104,40 @@ class Rupture(Observations):
     follows: ClassVar[str] = "actuator"
     uses_forward: ClassVar[bool] = True
 
-    curves: ActuatorCurves
+    tests: ActuatorCurves = field(default_factory=no_actuators)
+
+    @override
+    def linked(self, others: tuple[Observations, ...]) -> "Rupture":
+        """Return it with the curvatures' own arrays, so that predictions serve both."""
+        read = (one.tests for one in others if isinstance(one, Curvature))
+        alike = (tests for tests in read if tests.specimens == self.labels)
+        return replace(self, tests=next(alike, self.tests))
 
     @property
     @override
     def labels(self) -> tuple[str, ...]:
-        return self.curves.specimens
+        return self.tests.specimens
 
     @property
-    @override
     def events(self) -> int:
-        return int(self.curves.ruptured.any(axis=1).sum())
+        """Number of specimens that burst."""
+        return int(self.tests.ruptured.any(axis=1).sum())
 
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        prediction = state.once(log_density, self.curves)[1]
-        return log_rupture(self.curves, prediction, strength_of(state, self.curves))
+        prediction = state.once(log_density, self.tests)[1]
+        return log_rupture(self.tests, prediction, strength_of(state, self.tests))
 
     @override
     def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        predicted = state.once(linearise_actuators, self.curves)[1]
-        strength = strength_of(state, self.curves)
-        log_probability = log_rupture(self.curves, predicted.prediction, strength)
+        predicted = state.once(linearise_actuators, self.tests)[1]
+        strength = strength_of(state, self.tests)
+        log_probability = log_rupture(self.tests, predicted.prediction, strength)
         return Parts(events=((log_probability, event_signal(log_probability)),))
 
     @override
     def subset(self, rows: Rows) -> "Rupture":
-        return Rupture(self.curves.subset(rows))
+        return Rupture(self.tests.subset(rows))
 
     @override
     def replicated(
@@ -136,9 +150,9 @@ class Rupture(Observations):
 
         Later rows are removed, also from readings drawn before.
         """
-        readings, predicted, _ = state.once(draw_readings, self.curves, generator)
+        readings, predicted, _ = state.once(draw_readings, self.tests, generator)
         burst = self._bursts(state, predicted.prediction, generator)
-        cut = _cut(self.curves, burst).with_readings(readings[0])
+        cut = _cut(self.tests, burst).with_readings(readings[0])
         kept = (Curvature(cut) if isinstance(one, Curvature) else one for one in drawn)
         return (*(_ended(one, burst) for one in kept), Rupture(cut))
 
@@ -154,7 +168,7 @@ class Rupture(Observations):
         with pressure; at each pressure it has the law of the likelihood (approximately with flaws,
         as the error is small relative to the scatter).
         """
-        data, strength = self.curves, strength_of(state, self.curves)
+        data, strength = self.tests, strength_of(state, self.tests)
         z = draw_scores(strength.median.shape, generator, strength.law)
         limit = np.log(strength.limit(z))
         strain = prediction.peak_stretch - 1.0
@@ -190,4 +204,19 @@ def _cut(data: ActuatorCurves, burst: Flags) -> ActuatorCurves:
 def from_observations(found: tuple[Observations, ...]) -> tuple[Rupture, ...]:
     """Return the ruptures of actuators, if there is information on elongation at break."""
     limited = any(len(one.elongation_levels) for one in found)
-    return tuple(Rupture(one.curves) for one in found if limited and isinstance(one, Curvature))
+    return tuple(Rupture(one.tests) for one in found if limited and isinstance(one, Curvature))
+
+
+def data_of_actuators(
+    curves: ActuatorCurves, base: tuple[Parameter, ...]
+) -> tuple[Observations, ...]:
+    """Return the data of tests of actuators, with ruptures if a model has an elongation limit.
+
+    Parameters
+    ----------
+    curves : ActuatorCurves
+        The tests.
+    base : tuple of Parameter
+        Of the model.
+    """
+    return (Curvature(curves), *((Rupture(curves),) if has_elongation(base) else ()))

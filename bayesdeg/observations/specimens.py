@@ -203,34 +203,6 @@ class Material(NamedTuple):
         return sensitivity
 
 
-def controls_of(values: Named, nodes: Nodes, stiffening: float = 0.0) -> Controls:
-    """Return the control values of the constants, each (n, n_nodes).
-
-    Without C2 and C3 the solid is neo-Hookean: C2 = 0, and C3 is this share of C1.
-    """
-    given = ("c1", "c2_ratio", "c3") if control_name("c3", nodes, 0) in values else ("c1",)
-    found = [
-        np.stack([values[control_name(name, nodes, k)] for k in range(len(nodes))], axis=-1)
-        for name in given
-    ]
-    if len(found) == 1:
-        found += [np.zeros_like(found[0]), stiffening * found[0]]
-    return Controls(*found)
-
-
-def material_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Material:
-    """Return the material at degradation rates (S,) or (n, S)."""
-    return Material(
-        constants_at(controls, degradation, nodes),
-        constants(controls, bernstein_slopes(degradation, nodes)),
-    )
-
-
-def constants_at(controls: Controls, degradation: Floats, nodes: Nodes) -> Floats:
-    """Return the constants alone, as in `material_at`."""
-    return constants(controls, bernstein_weights(degradation, nodes))
-
-
 def shared(degradation: Floats) -> Floats:
     """Return degradation rates (n, S) as (S,) if they are one row broadcast over draws.
 
@@ -284,19 +256,6 @@ def layer_stiffness(values: Named) -> Floats:
     return values[PAPER_STIFFNESS]
 
 
-def elongation_at(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
-    """Return the median elongation at break [%] at degradation rates (S,) or (n, S), (n, S)."""
-    log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
-    elongation: Floats = np.exp(rates.polynomial(log_values, degradation, nodes))
-    return elongation
-
-
-def elongation_slope(values: Named, degradation: Floats, nodes: Nodes) -> Floats:
-    """Return d ln ε/dD_R of the median elongation at break [1/%], (n, S)."""
-    log_values = np.log(np.stack([values[node_name("elongation", n)] for n in nodes], axis=-1))
-    return rates.derivative(log_values, degradation, nodes)
-
-
 def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
     """Return the variance of ln elongation at break of specimens, shape (n, S).
 
@@ -307,7 +266,7 @@ def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
     values : mapping
         Named values, (n,).
     slope : array, shape (n, S)
-        From `elongation_slope` [1/%].
+        From `FilmsAndActuators.elongation_slope` [1/%].
     sd : array, shape (S,) or (n, S)
         Standard errors of the degradation rates [%].
     """
@@ -449,23 +408,54 @@ class FilmsAndActuators:
         return np.asarray(np.all(stiffens & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
 
     def _controls(self, values: Named) -> Controls:
-        return controls_of(values, self.nodes, self.stiffening)
+        """Return the control values of the constants, each (n, n_nodes).
+
+        Without C2 and C3 the solid is neo-Hookean: C2 = 0, and C3 is a share of C1.
+        """
+        given = ("c1", "c2_ratio", "c3") if control_name("c3", self.nodes, 0) in values else ("c1",)
+        found = [
+            np.stack(
+                [values[control_name(name, self.nodes, k)] for k in range(len(self.nodes))], axis=-1
+            )
+            for name in given
+        ]
+        if len(found) == 1:
+            found += [np.zeros_like(found[0]), self.stiffening * found[0]]
+        return Controls(*found)
 
     def constants(self, values: Named, degradation: Floats) -> Floats:
         """Return C1, C2, C3 [MPa] at degradation rates (S,) or (n, S), shape (n, S, 3)."""
-        return constants_at(self._controls(values), degradation, self.nodes)
+        return constants(self._controls(values), bernstein_weights(degradation, self.nodes))
 
     def material(self, values: Named, degradation: Floats) -> Material:
         """Return the median material at degradation rates (S,) or (n, S)."""
-        return material_at(self._controls(values), degradation, self.nodes)
+        controls = self._controls(values)
+        return Material(
+            constants(controls, bernstein_weights(degradation, self.nodes)),
+            constants(controls, bernstein_slopes(degradation, self.nodes)),
+        )
+
+    def _log_elongations(self, values: Named) -> Floats:
+        """Return ln of the median elongation at break at the nodes, (n, n_nodes)."""
+        at_nodes = [values[node_name("elongation", node)] for node in self.elongation_nodes]
+        found: Floats = np.log(np.stack(at_nodes, axis=-1))
+        return found
 
     def elongation(self, values: Named, degradation: Floats) -> Floats:
         """Return the median elongation at break [%] at degradation rates (S,), shape (n, S)."""
-        return elongation_at(values, degradation, self.elongation_nodes)
+        at_nodes, nodes = self._log_elongations(values), self.elongation_nodes
+        elongation: Floats = np.exp(rates.polynomial(at_nodes, degradation, nodes))
+        return elongation
 
     def elongation_slope(self, values: Named, degradation: Floats) -> Floats:
         """Return d ln ε/dD_R of the median elongation at break [1/%], (n, S)."""
-        return elongation_slope(values, degradation, self.elongation_nodes)
+        at_nodes = self._log_elongations(values)
+        return rates.derivative(at_nodes, degradation, self.elongation_nodes)
+
+
+def has_elongation(base: tuple[Parameter, ...]) -> bool:
+    """Return whether the elongation at break is part of a model with these parameters."""
+    return any(p.name == "elongation_scatter" for p in base)
 
 
 def stiffness_spread(values: Named, material: Material, sd: Floats) -> Floats:

@@ -3,7 +3,7 @@
 import importlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple, override
 
@@ -17,11 +17,9 @@ from bayesdeg.data.batches import batch_numbers, batch_order
 from bayesdeg.data.study import Study, undeformed
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.arrays import chosen, padded
+from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
 from bayesdeg.observations.kinds import (
     Labels,
-    Observations,
-    Parts,
     Places,
     Rows,
     State,
@@ -30,10 +28,8 @@ from bayesdeg.observations.noise import (
     LANES,
     Linearised,
     Paths,
-    blocks_of_covariance,
     correlated_normals,
     filter_of,
-    innovations,
     paths_of,
     same_path,
     specimen_density,
@@ -115,9 +111,24 @@ class TensileCurves:
         travelled = np.abs(np.diff(self.stretch, axis=1, prepend=1.0))
         return paths_of(self.mask[:, None, :], np.cumsum(travelled, axis=1))
 
+    @property
+    def readings(self) -> Floats:
+        """The stresses [MPa], (n_specimens, n_points)."""
+        return self.stress
+
+    def with_readings(self, readings: Floats) -> "TensileCurves":
+        """Return the same tests with different stresses."""
+        return replace(self, stress=np.where(self.mask, readings, 0.0))
+
     def subset(self, rows: Rows) -> "TensileCurves":
         """Return the curves of some specimens."""
         return chosen(self, rows)
+
+
+def no_films() -> TensileCurves:
+    """Return tests of no film."""
+    one, none, never = np.empty(0), np.empty((0, 1)), np.empty((0, 1), bool)
+    return TensileCurves((), (), one, one, np.empty((0, 1, 3)), none, none, never, never)
 
 
 def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
@@ -271,7 +282,11 @@ def median_stresses(state: State[FilmsAndActuators], data: TensileCurves) -> Str
     material = state.world.material(state.values, data.degradation)
     causes, parts = state.acting(), []
     for constants in material:
-        stress = _stress(data.basis, constants)
+        stress = (
+            data.basis[..., 0] * constants[..., None, 0]
+            + data.basis[..., 1] * constants[..., None, 1]
+            + data.basis[..., 2] * constants[..., None, 2]
+        )
         parts.append(applied("on_stress", stress, data.conditions, causes, constants))
     return Stresses(*parts)
 
@@ -284,7 +299,19 @@ def linearise_films(data: TensileCurves, values: Named, median: Stresses) -> Lin
     with m the deviation of ln stiffness and d that of the degradation rate [%], φ Yeoh's basis.
     """
     deviation = _density_and_mode(data, values, median, passes=PASSES - 1)[1]
-    return _linearised(data, values, median, _spread(data, values), deviation)
+    stress, slope = film_readings(median, deviation)
+    residual = data.stress - stress
+    residual += slope[..., 0] * deviation[..., None, 0]
+    residual += slope[..., 1] * deviation[..., None, 1]
+    return Linearised(
+        residual,
+        slope,
+        stress_variance(values, stress),
+        _spread(data, values),
+        values["tensile_noise_length"],
+        np.zeros(len(residual)),
+        data.paths,
+    )
 
 
 def log_density(data: TensileCurves, values: Named, median: Stresses) -> Floats:
@@ -358,48 +385,17 @@ def _spread(data: TensileCurves, values: Named) -> Floats:
     return spread
 
 
-def _linearised(
-    data: TensileCurves,
-    values: Named,
-    median: Stresses,
-    spread: Floats,
-    deviation: Floats,
-) -> Linearised:
-    stress, slope = film_readings(median, deviation)
-    residual = data.stress - stress
-    residual += slope[..., 0] * deviation[..., None, 0]
-    residual += slope[..., 1] * deviation[..., None, 1]
-    return Linearised(
-        residual,
-        slope,
-        stress_variance(values, stress),
-        spread,
-        values["tensile_noise_length"],
-        np.zeros(len(residual)),
-        data.paths,
-    )
-
-
-def _stress(basis: Floats, constants: Floats) -> Floats:
-    stress: Floats = (
-        basis[..., 0] * constants[..., None, 0]
-        + basis[..., 1] * constants[..., None, 1]
-        + basis[..., 2] * constants[..., None, 2]
-    )
-    return stress
-
-
 SMALLEST = (1e-3, -np.inf, 1e-6)  # of the control values of C1, C2, C3 [MPa]
 NOISE = 0.03  # relative error of stress by which readings are weighted
 
 
 @dataclass(frozen=True)
-class Tensile(Observations):
+class Tensile(PathReadings[TensileCurves]):
     """Stress–stretch curves of films.
 
     Parameters
     ----------
-    curves : TensileCurves
+    tests : TensileCurves
         The readings.
     by_mode : bool, optional
         Whether films are held out mode by mode; by default if there are several modes.
@@ -416,7 +412,7 @@ class Tensile(Observations):
     beside: ClassVar[bool] = True
     floors: ClassVar[Mapping[str, str]] = {"tensile_noise_floor": "stress_MPa"}
 
-    curves: TensileCurves
+    tests: TensileCurves = field(default_factory=no_films)
     by_mode: bool | None = None
 
     @property
@@ -426,23 +422,13 @@ class Tensile(Observations):
 
     @property
     @override
-    def labels(self) -> tuple[str, ...]:
-        return self.curves.specimens
-
-    @property
-    @override
     def is_by_mode(self) -> bool:
-        return len(set(self.curves.modes)) > 1 if self.by_mode is None else self.by_mode
+        return len(set(self.tests.modes)) > 1 if self.by_mode is None else self.by_mode
 
     @property
     @override
     def row_groups(self) -> tuple[str, ...]:
-        return self.curves.modes if self.is_by_mode else self.curves.specimens
-
-    @property
-    @override
-    def levels(self) -> Floats:
-        return self.curves.degradation
+        return self.tests.modes if self.is_by_mode else self.tests.specimens
 
     @override
     def held_beside(self) -> "Tensile":
@@ -450,69 +436,41 @@ class Tensile(Observations):
 
     @override
     def log_likelihood(self, state: State[FilmsAndActuators]) -> Floats:
-        return log_density(self.curves, state.values, self.stresses(state))
-
-    @override
-    def factors(self, state: State[FilmsAndActuators]) -> Parts:
-        return Parts(normal=(innovations(self.linearised(state)),))
+        return log_density(self.tests, state.values, self.stresses(state))
 
     @override
     def subset(self, rows: Rows) -> "Tensile":
         # keep the groups, even if only one mode is left
-        return Tensile(self.curves.subset(rows), self.is_by_mode)
+        return Tensile(self.tests.subset(rows), self.is_by_mode)
 
     def stresses(self, state: State[FilmsAndActuators]) -> Stresses:
         """Return stresses of films of the median material."""
-        return state.once(median_stresses, self.curves)
+        return state.once(median_stresses, self.tests)
 
+    @override
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
         """Linearise the curves at the films' most probable deviations."""
-        return linearise_films(self.curves, state.values, self.stresses(state))
+        return linearise_films(self.tests, state.values, self.stresses(state))
 
     @cached_property
     @override
     def places(self) -> Places:
-        films, read = self.curves, self.curves.mask
-        count = int(read.sum())
-
-        def each(values: Labels) -> Labels:
-            return np.broadcast_to(values[:, None], read.shape)[read]
-
-        return Places(
-            np.full(count, STRESS),
-            np.full(count, FILM),
-            films.stretch[read],
-            np.broadcast_to(films.degradation[:, None], read.shape)[read],
-            each(np.array(films.specimens)),
-            each(np.array(films.modes)),
-            np.full(count, np.nan),
-        )
+        modes = np.array(self.tests.modes, dtype=np.str_)
+        return places_of_tests(self.tests, (STRESS,), FILM, self.tests.stretch, modes[:, None])
 
     @property
     @override
     def reading_groups(self) -> Labels:
         return self.places.history if self.is_by_mode else self.places.specimen
 
-    @property
-    @override
-    def observed(self) -> Floats:
-        return self.curves.stress[self.curves.mask]
-
     @override
     def expected(self, state: State[FilmsAndActuators]) -> Floats:
-        return self.stresses(state).at_rest[:, self.curves.mask]
+        return self.stresses(state).at_rest[:, self.tests.mask]
 
     @override
-    def covariance(self, state: State[FilmsAndActuators]) -> list[Floats]:
-        return blocks_of_covariance(self.linearised(state))
-
-    @override
-    def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        return self.drawn(state, generator)[:, self.curves.mask]
-
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
         """Draw stresses of new films in the same tests, (n, n_specimens, n_points)."""
-        data, values = self.curves, state.values
+        data, values = self.tests, state.values
         shape = (len(values["stiffness_scatter"]), len(data.specimens))
         scatter = np.broadcast_to(values["stiffness_scatter"][:, None], shape)
         sd = np.stack([scatter, np.broadcast_to(data.degradation_sd, shape)], axis=-1)
@@ -524,22 +482,11 @@ class Tensile(Observations):
         return read
 
     @override
-    def replicated(
-        self,
-        state: State[FilmsAndActuators],
-        generator: np.random.Generator,
-        drawn: tuple[Observations, ...],
-    ) -> tuple[Observations, ...]:
-        read = self.drawn(state, generator)[0]
-        curves = replace(self.curves, stress=np.where(self.curves.mask, read, 0.0))
-        return (*drawn, replace(self, curves=curves))
-
-    @override
     def start(self, world: FilmsAndActuators) -> dict[str, float]:
         """Return control values of the constants by least squares, as stress is linear in them."""
         # takes a second to import, and reading data does not need it
         optimize = importlib.import_module("scipy.optimize")
-        data, nodes = self.curves, world.nodes
+        data, nodes = self.tests, world.nodes
         names = ("c1",) if world.law == "neo_hookean" else ("c1", "c2_ratio", "c3")
         weights = bernstein_weights(data.degradation, nodes)
         columns = (data.basis[..., : len(names), None] * weights[:, None, None, :])[data.mask]

@@ -24,24 +24,21 @@ from typing import ClassVar, override
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Asked, Further
+from bayesdeg.actuator.inputs import Asked
 from bayesdeg.data.batches import batch_order
 from bayesdeg.data.study import Study
-from bayesdeg.errors import BayesdegError
 from bayesdeg.observations.curvature import (
-    LONGEST_NOISE,
     ActuatorCurves,
     Curvature,
     draw_readings,
     linearise_actuators,
-    mechanics_inputs,
     parts_of,
 )
 from bayesdeg.observations.kinds import Deviations, Observations, State
 from bayesdeg.observations.noise import Linearised, learnt_deviations
-from bayesdeg.observations.pressures import PressureTests, ReadAtPressures, pressure_tests
+from bayesdeg.observations.pressures import ReadAtPressures, pressure_tests
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.priors import HalfNormal, Normal, Parameter, Uniform
+from bayesdeg.priors import HalfNormal, Normal, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +46,6 @@ VOLUME = "cavity volume"
 SHARE_OF_STROKE = 0.02
 """Prior constant reading error over the largest recorded volume: a syringe or piston is graduated
 in fiftieths to hundredths of its stroke."""
-SHORTEST_NOISE = 0.005  # of the pressure range, as for curvature
 _PROPORTIONAL = Parameter(
     # a syringe and its tubes expand under pressure, and the air in them is compressed
     "volume_noise",
@@ -57,7 +53,6 @@ _PROPORTIONAL = Parameter(
     "–",
     "proportional reading error of volume",
 )
-_LENGTH = "correlation length of reading errors of volume in pressure"
 EMULATOR_ERROR = Parameter(
     "emulator_error_volume",
     Normal(0.0, 1.0),
@@ -94,13 +89,11 @@ class CavityVolume(ReadAtPressures):
     @property
     @override
     def parameters(self) -> tuple[Parameter, ...]:
-        pressure = float(self.tests.conditions.pressure.max())
         floor = HalfNormal(SHARE_OF_STROKE * max(float(np.abs(self.observed).max()), _LEAST))
-        length = Uniform(SHORTEST_NOISE * pressure, LONGEST_NOISE * pressure)
         return (
             _PROPORTIONAL,
             Parameter("volume_noise_floor", floor, "ml", "constant reading error of volume"),
-            Parameter("volume_noise_length", length, "kPa", _LENGTH),
+            self.length_parameter(),
         )
 
     @property
@@ -111,7 +104,7 @@ class CavityVolume(ReadAtPressures):
     @override
     def linked(self, others: tuple[Observations, ...]) -> "CavityVolume | None":
         """Return it conditioned on a model's curvatures; None if these are of different tests."""
-        curves = next((one.curves for one in others if isinstance(one, Curvature)), self.curves)
+        curves = next((one.tests for one in others if isinstance(one, Curvature)), self.curves)
         if curves is None or curves is self.curves:
             return self
         alike = curves.specimens == self.labels and curves.mask.shape == self.tests.mask.shape
@@ -129,11 +122,7 @@ class CavityVolume(ReadAtPressures):
 
     @override
     def deviations(self, state: State[FilmsAndActuators]) -> Deviations:
-        found, mask = self.linearised(state), self.tests.mask
-        slope = np.zeros((*mask.shape, len(mask)))
-        own = np.arange(len(mask))
-        slope[own, :, own] = found.slope[0, :, :, 0]
-        return Deviations(slope[mask], found.spread[0, :, 0], self.levels)
+        return self.of_own_deviations(state)
 
     @override
     def drawn_deviations(
@@ -162,52 +151,18 @@ def _given(
     return _linearised(state, data, *learnt_deviations(curves))
 
 
-def answered_volumes(
-    state: State[FilmsAndActuators], tests: PressureTests, deviation: Floats
-) -> Further | None:
-    """Return volumes from the forward map [ml]; None if it does not predict them.
-
-    Parameters
-    ----------
-    state : State
-        Named values, (n,).
-    tests : PressureTests
-        The tests.
-    deviation : array, shape (n, n_specimens, 1)
-        Of each specimen's ln stiffness.
-    """
-    met = mechanics_inputs(state, tests, deviation)
-    return state.world.forward(replace(met, asked=CavityVolume.asks)).further
-
-
 def _linearised(
     state: State[FilmsAndActuators], data: CavityVolume, centre: Floats, spread: Floats
 ) -> Linearised:
-    values = state.values
-    found = answered_volumes(state, data.tests, centre[..., None])
-    if found is None:
-        raise BayesdegError("the forward map of this model does not predict cavity volumes")
+    values, found = state.values, data.answered(state, centre[..., None])
     shape = (*spread.shape, data.tests.mask.shape[1])
     error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
     mean = np.broadcast_to(found.value + error * found.sd, shape)
-    noise, floor = (values[f"volume_noise{end}"][:, None, None] for end in ("", "_floor"))
-    return Linearised(
-        data.tests.read - mean,
-        np.broadcast_to(-found.slope, shape)[..., None],
-        floor**2 + (noise * mean) ** 2,
-        spread[..., None],
-        values["volume_noise_length"],
-        np.zeros(len(state)),
-        data.tests.paths,
-    )
+    return data.of_mean(values, mean, np.broadcast_to(-found.slope, shape), spread)
 
 
 def from_study(study: Study) -> tuple[CavityVolume, ...]:
     """Return the volumes of a study, if any."""
-    table = study.actuator
-    tests = (
-        None
-        if table is None
-        else pressure_tests(table, "cavity_volume_ml", batch_order(study.tensile, study.actuator))
-    )
+    batches = batch_order(study.tensile, study.actuator)
+    tests = pressure_tests(study.actuator, CavityVolume.column, batches)
     return () if tests is None else (CavityVolume(tests),)

@@ -256,8 +256,8 @@ def _stiffening(study: Study, plan: Outline) -> float:
 
 def level_grid(model: JointModel) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the degradation rates of predictions [%]."""
-    top = max(model.nodes)
-    return np.array(model.nodes) if top == 0.0 else np.arange(0.0, top + 1e-9, 5.0)
+    top = max(model.world.nodes)
+    return np.array(model.world.nodes) if top == 0.0 else np.arange(0.0, top + 1e-9, 5.0)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, Laplace, appr
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, SamplerStatus, sample
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.progress import Progress
 from bayesdeg.report.checkpoints import Pieces, Stages
 
@@ -369,11 +370,12 @@ def refused_inputs(fit: Fit) -> dict[str, str]:
     fit : Fit
         Of a model with actuator readings; another forward map than an emulator refuses nothing.
     """
-    forward = mechanics_of(fit.model.forward)
+    forward = mechanics_of(fit.model.world.forward)
     if not isinstance(forward, Surrogate):
         return {}
     listener = Listener(forward)
     model = fit.model.with_world(forward=listener)
     values = model.table.named(fit.chain.spread(DRAWS))
-    model.curvature(values, model.draw_deviation(values, np.random.default_rng(0)))
+    tests, kind = model.tests(values), model.data_of(Curvature)
+    kind.predicted(tests, kind.drawn_deviations(tests, np.random.default_rng(0)))
     return forward.refusals(listener.heard[0])

@@ -28,6 +28,7 @@ from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.uncertain import PREFIX, dimensions_among
 from bayesdeg.emulator.workers import block_sigint, end_with_parent
 from bayesdeg.errors import GeometryError
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.calibrate import Fit, Listener
 from bayesdeg.prediction.predictive import at_conditions
@@ -197,9 +198,10 @@ def fitted_geometry(geometry: Moulded, fit: Fit) -> Moulded:
 
 def fitted_cases(fit: Fit) -> list[Case]:
     """Return the actuator at posterior medians, at the lowest and highest degradation rate."""
-    assert fit.model.actuator is not None
     levels = np.unique(level_grid(fit.model)[[0, -1]])
-    pressures = np.linspace(0.0, float(np.max(fit.model.actuator.pressure)), STEPS + 1)[1:]
+    pressures = np.linspace(
+        0.0, float(np.max(fit.model.data_of(Curvature).tests.pressure)), STEPS + 1
+    )[1:]
     inputs = fitted_inputs(fit, levels, pressures)
     shape = (len(levels), len(pressures))
     groups = {
@@ -241,11 +243,12 @@ def fitted_inputs(fit: Fit, degradation: Floats, pressure: Floats) -> Inputs:
         Arrays broadcast to (1, n_levels, n_pressures).
     """
     model = at_conditions(fit.model, degradation, pressure)
-    assert model.forward is not None
-    listener = Listener(model.forward)
+    assert model.world.forward is not None
+    listener = Listener(model.world.forward)
     vectors = fit.chain.vectors.reshape(-1, fit.chain.vectors.shape[-1])
     values = model.table.named(np.median(vectors, axis=0)[None])
-    model.with_world(forward=listener).curvature(values)
+    kind, listening = model.data_of(Curvature), model.with_world(forward=listener)
+    kind.predicted(listening.tests(values))
     return listener.heard[0]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature
 from bayesdeg.report.record import BurstEntry, ModelEntry
 
 NEAR = 2.5
@@ -65,7 +65,7 @@ def experience_of(entry: ModelEntry) -> Experience:
 
 def bursts_of(model: JointModel, study: Study | None) -> tuple[BurstEntry, ...]:
     """Return the burst actuators of a study, its own and published ones."""
-    recorded = () if model.actuator is None else _recorded(model.actuator)
+    recorded = () if not model.of_kind(Curvature) else _recorded(model.data_of(Curvature).tests)
     return (*recorded, *(() if study is None else _published(study)))
 
 

@@ -28,6 +28,7 @@ from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.inference.tree import to_datatree
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit, base_of, calibrate
@@ -176,7 +177,7 @@ class ModelledExperiment:
         """Whether other processes can compute it, which excludes functions of the user."""
         if self.own is not None:
             return False
-        forward = mechanics_of(self.assembly.model.forward)
+        forward = mechanics_of(self.assembly.model.world.forward)
         ours = forward is None or isinstance(forward, Surrogate)
         tried = (*self.causes, *self.assembly.candidates)
         return ours and all(map(_is_ours, tried))
@@ -280,7 +281,7 @@ class ModelledExperiment:
             results = with_counts(results, streams.verdict, guard)
         elif self.assembly.aside and self.assembly.whole is not None:
             whole = set_aside(self.assembly.whole, self.assembly.beyond)
-            emulator = mechanics_of(self.assembly.model.forward)
+            emulator = mechanics_of(self.assembly.model.world.forward)
             forward = emulator if isinstance(emulator, Surrogate) else None
             asked = (results, whole, forward, streams.suspects, executor, guard)
             results = judged_with_suspects(*asked)
@@ -335,7 +336,7 @@ class ModelledExperiment:
         kept = fit.chain.thinned(EFFORTS[effort].kept)
         if self.own is not None:
             return Posterior(fit.model, kept, own=self.own)
-        if fit.model.forward is None:
+        if fit.model.world.forward is None:
             raise BayesdegError(
                 f"{self.study.name} has no actuator readings, so its posterior cannot predict "
                 "actuators; add actuator.csv to the study"
@@ -373,10 +374,10 @@ def _known_emulator(study: Study) -> Surrogate:
 
 def _residual(fit: Fit, seed: np.random.SeedSequence) -> Floats | None:
     """Return curvature residuals of the posterior prediction [1/m]; None without readings."""
-    if fit.model.actuator is None:
+    if not fit.model.of_kind(Curvature):
         return None
     found = predict_readings(fit.model, fit.chain, np.random.default_rng(seed))
-    return fit.model.actuator.curvature - found.mean
+    return fit.model.data_of(Curvature).tests.curvature - found.mean
 
 
 def of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:

@@ -146,7 +146,7 @@ def begin_examination(
     of_course, of_orders = seed.spawn(2)
     orders = later(partial(_orders, model, of_orders), executor)
     priors = {p.name: p.law for p in model.base if p.name in NOISE}
-    used = model.films_and_actuators.law
+    used = model.world.law
     laws = later(partial(_laws, model.of_kind(Tensile), priors, used), executor)
     return partial(_examined, study, effort, of_course, orders, laws)
 
@@ -191,7 +191,7 @@ def _laws(
     if not films:
         return None
     with threadpool_limits(limits=1):
-        return compare_laws(films[0].curves, priors, used=used)
+        return compare_laws(films[0].tests, priors, used=used)
 
 
 def course_of(study: Study, effort: Effort, seed: np.random.SeedSequence) -> CourseFit | None:

@@ -30,12 +30,14 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import Means
 from bayesdeg.observations.specimens import (
     COURSE,
     OF_ACTUATORS,
     PAPER_STIFFNESS,
     FilmsAndActuators,
     control_name,
+    has_elongation,
     node_name,
 )
 from bayesdeg.observations.tensile import Tensile
@@ -90,29 +92,31 @@ def model_document(model: JointModel, study: Study | None = None) -> ModelEntry:
     """
     measured: dict[str, Iterable[float]] = {}
     for tests in model.of_kind(Curvature):
-        measured["pressure_kPa"] = tests.curves.pressure[tests.curves.mask]
-        measured["degradation_pct"] = tests.curves.degradation.ravel()
+        measured["pressure_kPa"] = tests.tests.pressure[tests.tests.mask]
+        measured["degradation_pct"] = tests.tests.degradation.ravel()
     films = [float(level) for one in model.of_kind(Tensile) for level in one.levels]
-    films += [s.degradation for s in model.statistics if s.quantity == "young_modulus"]
+    films += [
+        s.degradation for s in model.data_of(Means).statistics if s.quantity == "young_modulus"
+    ]
     measured |= {"film_degradation_pct": films} if films else {}
     buried = None if study is None else study.moisture
     measured |= {} if buried is None else {TIME: buried["time_h"].to_numpy(np.float64)}
-    forward = model.forward
+    forward = model.world.forward
     reads = forward if isinstance(forward, ReadByOperator) else None
     return ModelEntry(
         parameters=tuple(model.table.names),
-        nodes_pct=model.nodes,
-        elongation_nodes_pct=model.elongation_nodes,
-        paper_thickness_mm=model.paper_thickness,
-        largest_pressure_kPa=model.largest_pressure,
+        nodes_pct=model.world.nodes,
+        elongation_nodes_pct=model.world.elongation_nodes,
+        paper_thickness_mm=model.world.paper_thickness,
+        largest_pressure_kPa=model.world.largest_pressure,
         measured={name: (float(min(v)), float(max(v))) for name, v in measured.items()},
-        rupture_criterion=model.films_and_actuators.criterion,
-        rupture_size_ratio=model.films_and_actuators.size_ratio,
+        rupture_criterion=model.world.criterion,
+        rupture_size_ratio=model.world.size_ratio,
         reading_operator=reads.operator if reads else "",
         reading_points=reads.points if reads else None,
         reading_of_line=reads is not None and reads.with_angle,
-        material_law="" if model.films_and_actuators.law == "yeoh" else "neo_hookean",
-        stiffening=model.films_and_actuators.stiffening or None,
+        material_law="" if model.world.law == "yeoh" else "neo_hookean",
+        stiffening=model.world.stiffening or None,
         rupture_checks=specimens_tested(model) or None,
         bursts=bursts_of(model, study),
     )
@@ -549,7 +553,7 @@ def _predicted(
         conditions=conditions,
     )
     table[list(PROBABILITY_COLUMNS)] = np.nan
-    if model.has_elongation:
+    if has_elongation(model.base):
         generator = np.random.default_rng(seed)
         rupture = rupture_table(
             *(model, chain, generator),
@@ -561,7 +565,7 @@ def _predicted(
         )
         table[list(PROBABILITY_COLUMNS)] = rupture[list(PROBABILITY_COLUMNS)]
     answered = respond(specimens, level.of_draws(ANSWER_DRAWS), pressure).answered
-    unknown = table["probability"].isna() & model.has_elongation
+    unknown = table["probability"].isna() & has_elongation(model.base)
     why = [_why(a, rupture=bool(u)) for a, u in zip(answered, unknown, strict=True)]
     return table.assign(answered=answered, why=why)
 
@@ -674,7 +678,7 @@ def settings(
     """
     generator = np.random.default_rng(seed)
     specimens = draw_specimens(stored.model, stored.chain, generator, conditions=conditions)
-    first, checks = stored.model.largest_pressure, stored.checks()
+    first, checks = stored.model.world.largest_pressure, stored.checks()
     progress.stage("finding pressures", total=len(levels))
     found = []
     for level in levels:
@@ -840,7 +844,7 @@ def setting_cautions(
 ) -> tuple[str, ...]:
     """Return warnings for settings."""
     set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
-    strong = stored.model.has_elongation
+    strong = has_elongation(stored.model.base)
     return (
         *cautions(stored, levels, set_to, conditions),
         *basis(stored.experience, allowed_by_rate(found), beyond=beyond, strong=strong),
@@ -890,7 +894,7 @@ def extrapolations(
 def small_risk(stored: Posterior, risk: float) -> tuple[str, ...]:
     """Warn about a risk below any probability that the specimens can support."""
     checks = stored.checks()
-    if not stored.model.has_elongation or risk * checks >= 1.0:
+    if not has_elongation(stored.model.base) or risk * checks >= 1.0:
         return ()
     return (str(Caution("small_risk", {"risk": risk, "checks": checks})),)
 
@@ -941,5 +945,5 @@ def doubts_of_run(stored: Posterior) -> Iterator[Caution]:
         yield Caution("updated", {"update": stored.run.update})
     if "pressure_kPa" not in stored.measured:
         yield Caution("no_actuator")
-    if not stored.model.has_elongation:
+    if not has_elongation(stored.model.base):
         yield Caution("no_rupture")

@@ -19,7 +19,7 @@ from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations import readings as flat
 from bayesdeg.observations.kinds import Places, Scale, joined_places
-from bayesdeg.observations.readings import Formula, places_of
+from bayesdeg.observations.readings import Formula, FormulaReadings, places_of
 from bayesdeg.priors import Distribution, HalfNormal, Named, Parameter
 from bayesdeg.report.record import ForwardMapEntry, MapNoiseEntry
 
@@ -314,7 +314,7 @@ def probe(model: JointModel) -> None:
     BayesdegError
         Saying what is wrong.
     """
-    counts = {len(one.observed) for one in model.observations}
+    counts = {len(one.observed) for one in model.of_kind(FormulaReadings)}
     vectors = model.table.sample(np.random.default_rng(0), PROBED + (PROBED in counts))
     try:
         model.expected(vectors)

@@ -684,7 +684,7 @@ def _between_terms(
     trials = term_trials(trial, found.found, generator)
     experiments = candidate_experiments(trial.subject) if trials else ()
     ranked = rank(trials, experiments, generator, executor=executor)
-    return next_experiments_document(ranked, partial(worded, degrades=trial.subject.degrades))
+    return next_experiments_document(ranked, partial(worded, degrades=trial.subject.world.degrades))
 
 
 def _described(step: Step, known: MissingTerms | None, assembly: Assembly) -> Description:
@@ -761,7 +761,7 @@ def _next(
         untested=untested,
         executor=search.executor,
     )
-    return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))
+    return next_experiments_document(ranked, partial(worded, degrades=base.subject.world.degrades))
 
 
 def _shown_by(experiments: Iterable[Experiment], names: Iterable[str]) -> tuple[Cause, ...]:
@@ -787,4 +787,4 @@ def _beside_the_law(
     """Rank experiments for causes that look like a different form of the law in earlier tests."""
     trials = [try_causes(base, c, neutral_sizes(c), generator) for c in assembly.alike]
     ranked = rank([base, *trials], candidate_experiments(base.subject), generator)
-    return next_experiments_document(ranked, partial(worded, degrades=base.subject.degrades))
+    return next_experiments_document(ranked, partial(worded, degrades=base.subject.world.degrades))

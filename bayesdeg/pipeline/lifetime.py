@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.observations.specimens import has_elongation
 from bayesdeg.pipeline.experience import Experience
 from bayesdeg.pipeline.forecast import (
     COURSE_STREAM,
@@ -192,7 +193,7 @@ def lifetime_cautions(
     beyond: bool,
 ) -> tuple[str, ...]:
     """Return warnings for a life in the soil, from its first and last time."""
-    levels, strong = soil.levels(life.hours[[0, -1]]), stored.model.has_elongation
+    levels, strong = soil.levels(life.hours[[0, -1]]), has_elongation(stored.model.base)
     allowed = allowed_at_ends(life, levels)
     return (
         *cautions(stored, levels, np.array([duty.pressure]), conditions),

@@ -25,7 +25,7 @@ from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import OF_DEGRADATION, Curvature
-from bayesdeg.observations.kinds import Observations
+from bayesdeg.observations.kinds import Observations, Readings
 from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.observations.published import published_counts
 from bayesdeg.observations.specimens import (
@@ -188,7 +188,7 @@ def outline(study: Study, *, emulated: bool = True) -> Outline:
     stated = {cause.name: cause for cause in (*candidates, *alike, *of_counts)}
     _check(study, base, tuple(stated.values()))
     uncertain = study.settings.uncertain if _are_predicted(study, found) else ()
-    pressures = [float(one.curves.pressure.max()) for one in of_kind(found, Curvature)]
+    pressures = [float(one.tests.pressure.max()) for one in of_kind(found, Curvature)]
     usual = _default_priors(base, _statistics(found))
     usual = with_priors(usual, vendor_prior(study) if by_vendor else {})
     gelatin = _expected(usual, nodes, elongation_nodes, _statistics(found))
@@ -364,7 +364,7 @@ def _candidates(
     unjudged: dict[str, str] = {}
     for cause in _asked(study):
         on_films = "tensile" in cause.acts_on
-        blind = [cause.blind_on_films(one.curves.conditions) for one in alone if on_films]
+        blind = [cause.blind_on_films(one.tests.conditions) for one in alone if on_films]
         indistinct = next(iter(blind), None)
         why = indistinct or _unseen(cause, study, actuators, films, limited=limited)
         why = None if any(one.reveals(cause) for one in found) else why
@@ -384,7 +384,7 @@ def _of_no_part(cause: Cause, study: Study, actuators: tuple[Curvature, ...]) ->
     """
     if study.geometry.kind != "mesh" or cause.on_inputs is None or not actuators:
         return None
-    one, conditions = np.ones((1, 1, 1)), actuators[0].curves.conditions
+    one, conditions = np.ones((1, 1, 1)), actuators[0].tests.conditions
     plain = Inputs(conditions.pressure * one, one, 0.0 * one, one, one, one)
     acting = (Acting(cause, {name: size * one for name, size in cause.typical.items()}),)
     met = applied("on_inputs", plain, conditions, acting)
@@ -413,7 +413,7 @@ def _unseen(
         return f"actuator.csv does not record {', '.join(lacking)}"
     if cause.is_of_rupture_alone and not limited:
         return "there is no elongation at break (break.csv, summary.csv) to compare ruptures with"
-    return cause.blind(actuators[0].curves.conditions)
+    return cause.blind(actuators[0].tests.conditions)
 
 
 def stated_priors(cause: Cause, study: Study) -> tuple[Parameter, ...]:
@@ -491,7 +491,7 @@ def unlinked(observations: tuple[Observations, ...]) -> tuple[tuple[str, str], .
             _sentences("unlinked_cost"),
         )
         for one in observations
-        if one.linked(observations) is None
+        if isinstance(one, Readings) and one.linked(observations) is None
     )
 
 

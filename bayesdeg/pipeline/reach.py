@@ -116,9 +116,9 @@ def _ends(model: JointModel, specimens: NDArray[np.str_]) -> NDArray[np.float64]
     if isinstance(world, FilmsAndActuators) and isinstance(world.forward, Surrogate):
         state = model.tests(model.table.named(least_squares(model)[None]))
         for one in model.of_kind(Curvature):
-            met = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+            met = mechanics_inputs(state, one.tests, np.zeros_like(one.deviation_sd(state)))
             limit = world.forward.limit_pressure(met)
             end = np.where(limit.trained, limit.pressure - LIMIT_MARGIN * limit.sd, np.inf)
             lowest = (1.0 - MARGIN) * end[0].min(axis=-1)
-            known |= dict(zip(one.curves.specimens, lowest.tolist(), strict=True))
+            known |= dict(zip(one.tests.specimens, lowest.tolist(), strict=True))
     return np.array([known.get(str(name), np.inf) for name in specimens])

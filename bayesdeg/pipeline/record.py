@@ -37,7 +37,8 @@ from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.plausibility import Doubt, doubts
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import Refusals
-from bayesdeg.observations.curvature import ACTUATOR
+from bayesdeg.observations.curvature import ACTUATOR, Curvature
+from bayesdeg.observations.means import Means
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
 from bayesdeg.pipeline.aside import FILES, Exclusion, unused_rows
@@ -145,7 +146,7 @@ def verdict_document(
     """
     said = explain(judgement, where) if explanation is None else explanation
     decision, base, absorbed = judgement.decision, judgement.steps[0], judgement.absorbed
-    degrades = judgement.search.base.subject.degrades
+    degrades = judgement.search.base.subject.world.degrades
     counted, own = judgement.counted, judgement.own_counts
     found = () if counted is None else (_with_causes(counted, degrades=degrades),)
     return VerdictRecord(
@@ -262,7 +263,7 @@ def _described(found: Description) -> DescriptionEntry:
         for one in found.found.terms
     )
     return DescriptionEntry(
-        sentence=worded(found, degrades=found.step.trial.subject.degrades),
+        sentence=worded(found, degrades=found.step.trial.subject.world.degrades),
         with_causes=tuple(sorted(found.step.trial.names)),
         terms=tuple(terms),
         columns=found.columns,
@@ -353,12 +354,12 @@ def verdict_of(results: Results, residual: Floats | None, note: str, guard: Guar
     why = "the verdict was left out" if failed else "the base model has not converged"
     if failed or unsettled:
         unjudged = {cause.name: why for cause in results.assembly.candidates} | unjudged
-    shown = bool(results.base.model.statistics)
+    shown = bool(results.base.model.data_of(Means).statistics)
     said = "" if unsettled is None else worded(unsettled)
     document = unjudged_document(unjudged, note, failed, unsettled=said, published=shown)
     counted: tuple[RuptureCountsEntry, ...] = ()
     if results.counts is not None:
-        counted = (counts_entry(results.counts, degrades=results.base.model.degrades),)
+        counted = (counts_entry(results.counts, degrades=results.base.model.world.degrades),)
     return document.model_copy(update={"rupture_counts": counted})
 
 
@@ -374,7 +375,7 @@ def _verdict(
         judgement.steps[0].simulated,
         judgement.misfit.statistic,
     )
-    degrades = results.base.model.degrades
+    degrades = results.base.model.world.degrades
     place = "" if departure is None else worded(departure, most=found, degrades=degrades)
     said = guard.attempt(OptionalStage.EXPLANATION, explain, judgement, place)
     missing = " ".join(guard.why(stage) for stage in OF_VERDICT)
@@ -392,7 +393,7 @@ def _departure(
 ) -> CurvatureDeparture | StressDeparture | ReadingsDeparture | None:
     """Return where the misfit lies; None if the readings could not be predicted."""
     linear = judgement.search.base.linear
-    if results.base.model.actuator is None:
+    if not results.base.model.of_kind(Curvature):
         kind, unit = _other_kind(judgement)
         return where_readings(linear, kind, unit) if kind else where_films(linear)
     noise = readings_misfit(judgement)[1]
@@ -546,7 +547,7 @@ def _exchanged_with(one: Exclusion, results: Results, whole: Study) -> str:
     values = model.table.named(middle[None])
     for other in others:
         ends = np.array([float(rate[one.specimens[0]]), float(rate[other.specimens[0]])])
-        first, second = np.log(model.constants(values, ends)[0, :, 0])
+        first, second = np.log(model.world.constants(values, ends)[0, :, 0])
         assert one.suspect is not None
         assert other.suspect is not None
         off = max(
@@ -593,7 +594,7 @@ def explain(judgement: Judgement, where: str) -> str:
         Where the misfit is, in a sentence.
     """
     misfit, decision, candidates = judgement.misfit, judgement.decision, judgement.candidates
-    counted, degrades = judgement.counted, judgement.search.base.subject.degrades
+    counted, degrades = judgement.counted, judgement.search.base.subject.world.degrades
     count = len(misfit.null)
 
     # the causes decided on, with the sizes of their parameters

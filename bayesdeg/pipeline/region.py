@@ -124,11 +124,11 @@ def asked_after(study: Study, surrogate: Surrogate, seed: int) -> AskedAfterward
         state = model.tests(model.table.named(known))
         missed, shares = np.zeros(len(known), dtype=bool), []
         for one in model.of_kind(Curvature):
-            inputs = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+            inputs = mechanics_inputs(state, one.tests, np.zeros_like(one.deviation_sd(state)))
             counted = surrogate.units.inputs(inputs)
             own, all_ = (Batch.of(counted, span).in_range(span) for span in (surrogate.span, whole))
             # only pressures of readings count, not those between
-            missed |= np.any(all_ & ~own & one.curves.mask, axis=(-2, -1))
+            missed |= np.any(all_ & ~own & one.tests.mask, axis=(-2, -1))
             for output in dict.fromkeys((one.asks, *(other.asks for other in model.observations))):
                 found = exact.continued(replace(inputs, asked=output))
                 pair = (found.sd, found.curvature)
@@ -169,7 +169,7 @@ def asked_of_model(
     vectors[:, : known.shape[1]] = known  # those of the causes come last
     with np.errstate(all="ignore"):
         state = model.tests(model.table.named(vectors))
-        tests: list[AtPressures] = [one.curves for one in model.of_kind(Curvature)]
+        tests: list[AtPressures] = [one.tests for one in model.of_kind(Curvature)]
         tests += [one.tests for one in model.of_kind(HeldTip)]
         for one in tests:
             sd = np.sqrt(state.once(parts_of, one).spread)[..., None]
@@ -326,10 +326,10 @@ def error_left(posteriors: Posteriors, ground: Surrogate, refinement: Refinement
         state = model.tests(model.table.named(trial.mode[None]))
         shares = []
         for one in model.of_kind(Curvature):
-            inputs = mechanics_inputs(state, one.curves, np.zeros_like(one.deviation_sd(state)))
+            inputs = mechanics_inputs(state, one.tests, np.zeros_like(one.deviation_sd(state)))
             sd = exact.continued(inputs).sd
             variance = one.predicted(state).variance[..., : sd.shape[-1]]
-            shares.append((sd**2 / variance)[0][one.curves.mask])
+            shares.append((sd**2 / variance)[0][one.tests.mask])
         of_readings.append(float(np.sqrt(np.nanmean(np.concatenate(shares)))))
     return ErrorLeft(count, *worst, *moved, max(of_readings))
 

@@ -26,6 +26,7 @@ from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.counts import RuptureCounts
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.averaged import averaged
@@ -371,7 +372,7 @@ def _begun_pictures(
     study: Study, results: Results, executor: Executor | None, guard: Guard
 ) -> Begun | None:
     """Start solving the deformed actuators, which takes long, in the background."""
-    if results.final.model.actuator is None or executor is None:
+    if not results.final.model.of_kind(Curvature) or executor is None:
         return None
     geometry = geometry_of_study(study.settings)
     return guard.attempt(OptionalStage.DEFORMED, begin, results.final, geometry, executor)

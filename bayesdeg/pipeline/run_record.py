@@ -20,9 +20,18 @@ from bayesdeg.data.settings import Known
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
+from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.catalogue import TABLES
-from bayesdeg.observations.means import MPA
-from bayesdeg.observations.specimens import FilmsAndActuators, modulus_100, node_name
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import MPA, Means
+from bayesdeg.observations.published import RSquared
+from bayesdeg.observations.specimens import (
+    FilmsAndActuators,
+    has_elongation,
+    modulus_100,
+    node_name,
+    young_modulus,
+)
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
 from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.formula import UserMap
@@ -59,9 +68,10 @@ def comparisons(study: Study, fit: Fit, counts: CountMisfit | None = None) -> li
     for row in study.summary.to_dict("records"):
         level, predicted = np.array([float(row["degradation_pct"])]), NOTHING
         if row["quantity"] == "young_modulus":
-            predicted = _interval(fit.model.young_modulus(values, level)[:, 0])
+            constants = fit.model.world.constants(values, level)
+            predicted = _interval(young_modulus(values, constants, fit.model.causes)[:, 0])
         elif row["quantity"] == "elongation_at_break" and "elongation_scatter" in values:
-            predicted = _interval(fit.model.elongation(values, level)[:, 0])
+            predicted = _interval(fit.model.world.elongation(values, level)[:, 0])
         elif row["quantity"] == "volume_ratio" and "volume_ratio" in values:
             predicted = _interval(values["volume_ratio"])
         elif row["quantity"] == "ruptured_count" and level[0] in expected:
@@ -132,8 +142,12 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
             said = table.supports_in(degrades=study.degrades)
             yield Basis(table.file, said, count, table.counts, virtual)
     if study.summary is not None:
-        used = {s.quantity for s in model.statistics if not s.source.startswith("shrinkage.csv")}
-        used |= set() if model.published is None else {"r_squared"}
+        used = {
+            s.quantity
+            for s in model.data_of(Means).statistics
+            if not s.source.startswith("shrinkage.csv")
+        }
+        used |= set() if not model.of_kind(RSquared) else {"r_squared"}
         held = {"ruptured_count", "tested_count"} - used if can_be_counted(model) else set()
         named = {str(quantity) for quantity in study.summary["quantity"]}
         parts = (named & used, named & held, named - used - held)
@@ -320,7 +334,7 @@ def emulator_entry(results: Results, guard: Guard) -> EmulatorEntry:
     chains = {id(fit.chain): fit.chain.refusals for fit in results.fits.values()}
     refusals = sum(chains.values(), start=Refusals())
     refused = {}
-    if results.final.model.actuator is not None:
+    if results.final.model.of_kind(Curvature):
         refused = guard.attempt(OptionalStage.REFUSED, refused_inputs, results.final) or {}
     words = [refusal_words(refusals), outside_words(_outside(results.final))]
     if refused:
@@ -461,14 +475,18 @@ def vendor_check(study: Study, model: JointModel, vectors: Floats) -> VendorChec
     vendor, found = study.settings.vendor, list[VendorFigure]()
     values = model.table.named(vectors)
     if vendor.modulus_100 is not None:
-        draws = modulus_100(values, model.constants(values, FRESH), model.causes)[:, 0]
+        draws = modulus_100(values, model.world.constants(values, FRESH), model.causes)[:, 0]
         found.append(_beside("modulus_100", "kPa", vendor.modulus_100, "datum", draws / MPA))
     if vendor.elongation_at_break is not None:
-        draws = model.elongation(values, FRESH)[:, 0] if model.has_elongation else np.empty(0)
-        if not model.has_elongation:
+        draws = (
+            model.world.elongation(values, FRESH)[:, 0]
+            if has_elongation(model.base)
+            else np.empty(0)
+        )
+        if not has_elongation(model.base):
             use = "there is no actuator that could burst"
-        elif model.breaks is not None or any(
-            one.quantity == "elongation_at_break" for one in model.statistics
+        elif model.of_kind(Breaks) or any(
+            one.quantity == "elongation_at_break" for one in model.data_of(Means).statistics
         ):
             use = "the study has its own elongations"
         elif node_name("elongation", 0.0) in study.settings.priors:

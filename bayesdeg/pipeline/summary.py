@@ -32,7 +32,7 @@ def summary(judgement: Judgement) -> dict[str, Any]:
     """
     search = judgement.search
     base, final = (step.misfit for step in judgement.steps)
-    parameters, degrades = search.base.subject.table.parameters, search.base.subject.degrades
+    parameters, degrades = search.base.subject.table.parameters, search.base.subject.world.degrades
     return {
         "outcome": str(judgement.decision.outcome),
         "causes": list(judgement.decision.causes),

@@ -17,6 +17,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import JointModel, near_films
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline.aside import FILES, Exclusion, asides, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
@@ -69,7 +70,7 @@ def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | Non
         With which that was assembled.
     """
     model = assembly.model
-    if not isinstance(model.world, FilmsAndActuators) or model.actuator is None:
+    if not isinstance(model.world, FilmsAndActuators) or not model.of_kind(Curvature):
         return assembly
     whole, beyond = assembly.whole or study, assembly.beyond
     seen = tuple(

@@ -28,6 +28,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.update import ENOUGH, FEWEST, RELIABLE_K, Updated, drawn_evenly, take_in
 from bayesdeg.observations.curvature import ActuatorCurves, actuator_curves
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.pipeline.aside import readings_at
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
@@ -332,7 +333,7 @@ def _beyond(study: Study, model: JointModel) -> set[tuple[str, float, str, float
     curves = actuator_curves(study)
     if curves is None:
         return set()
-    tested = model.of_actuators(curves)
+    tested = model.with_observations(*data_of_actuators(curves, model.base))
     return set(readings_at(tested.places, readings_beyond(study, tested)))
 
 
@@ -375,10 +376,11 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Posterior]:
         If draws are impossible, or are not those of a model of the study.
     """
     entry = of.run.model
-    if entry is not None and entry.nodes_pct != assembly.model.nodes:
+    if entry is not None and entry.nodes_pct != assembly.model.world.nodes:
+        nodes = assembly.model.world.nodes
         raise BayesdegError(
             f"{of.folder.path}: run.json has degradation nodes ({entry.nodes_pct}) that differ "
-            f"from those of the study ({assembly.model.nodes}); run the study again"
+            f"from those of the study ({nodes}); run the study again"
         )
     found: dict[str, Posterior] = {}
     for posterior in (POSTERIOR, POSTERIOR_BASE):
@@ -411,7 +413,10 @@ def _taken_in(
     BayesdegError
         If this version has another density, or the draws do not lead to the new posterior.
     """
-    before, model = (drawn.model.of_actuators(tests) for tests in curves)
+    before, model = (
+        drawn.model.with_observations(*data_of_actuators(tests, drawn.model.base))
+        for tests in curves
+    )
     vectors, density = drawn.chain.vectors[0, :, 0], drawn.chain.log_prob[0, :, 0]
     _refuse_other_density(before, vectors, density, of)
     worth = _independent(of.run, posterior, len(vectors))

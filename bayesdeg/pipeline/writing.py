@@ -40,10 +40,13 @@ from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.inference.tree import to_datatree
 from bayesdeg.material.degradation import levels
 from bayesdeg.material.strength import draw_scores
-from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.observations.breaks import Breaks
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature
 from bayesdeg.observations.means import statistics
+from bayesdeg.observations.specimens import has_elongation, young_modulus
 from bayesdeg.observations.tensile import (
     film_readings,
+    median_stresses,
     stress_variance,
     tensile_curves,
 )
@@ -99,8 +102,8 @@ FITTED_DRAWS = 2000
 
 def observations(model: JointModel, label: str, fit: CurvatureFit) -> pd.DataFrame:
     """Return every reading of curvature with its posterior prediction."""
-    assert model.actuator is not None
-    data, mask = model.actuator, model.actuator.mask
+    data = model.data_of(Curvature).tests
+    mask = data.mask
     shape = mask.shape
     return pd.DataFrame(
         {
@@ -165,7 +168,7 @@ def tensile(study: Study, fit: Fit, label: str, generator: np.random.Generator) 
         curves = tensile_curves(study, fitted=fitted)
         if curves is None:
             continue
-        median = fit.model.stresses(values, curves)
+        median = median_stresses(fit.model.tests(values), curves)
         scatter = np.stack(
             np.broadcast_arrays(values["stiffness_scatter"][:, None], curves.degradation_sd),
             axis=-1,
@@ -215,8 +218,8 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     """Return quantiles of the Yeoh constants and of Young's modulus against degradation."""
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
-    c1, c2, c3 = np.moveaxis(fit.model.constants(values, grid), -1, 0)
-    modulus = fit.model.young_modulus(values, grid)
+    c1, c2, c3 = np.moveaxis(fit.model.world.constants(values, grid), -1, 0)
+    modulus = young_modulus(values, fit.model.world.constants(values, grid), fit.model.causes)
     named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": modulus}
     frames = [
         pd.DataFrame(
@@ -264,21 +267,21 @@ def elongation(fit: Fit, generator: np.random.Generator) -> pd.DataFrame | None:
         return None
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
-    median = fit.model.elongation(values, grid)
-    law = fit.model.films_and_actuators.scatter_law
+    median = fit.model.world.elongation(values, grid)
+    law = fit.model.world.scatter_law
     scatter = values["elongation_scatter"][:, None] * draw_scores(median.shape, generator, law)
     low, middle, high = np.quantile(median * np.exp(scatter), [0.05, 0.5, 0.95], axis=0)
     band = pd.DataFrame(
         {"kind": "band", "degradation_pct": grid, "value": np.nan}
         | {"q05": low, "q50": middle, "q95": high}
     )
-    if fit.model.breaks is None:
+    if not fit.model.of_kind(Breaks):
         return band
     measured = pd.DataFrame(
         {
             "kind": "measured",
-            "degradation_pct": fit.model.breaks.degradation,
-            "value": fit.model.breaks.elongation,
+            "degradation_pct": fit.model.data_of(Breaks).table.degradation,
+            "value": fit.model.data_of(Breaks).table.elongation,
         }
     )
     return pd.concat([band, measured.assign(q05=np.nan, q50=np.nan, q95=np.nan)])
@@ -446,12 +449,11 @@ def decisions(
         with its 90 % interval, and the probability of rupture there.
     """
     model = next(iter(fits.values())).model
-    data, experience = model.actuator, experience_of(model_document(model, study))
-    assert data is not None
+    data, experience = model.data_of(Curvature).tests, experience_of(model_document(model, study))
     rows = []
     for name, fit in fits.items():
         specimens = draw_specimens(fit.model, fit.chain, generator, draws=DRAWS)
-        first = fit.model.largest_pressure
+        first = fit.model.world.largest_pressure
         checks = fewest_checks(specimens_tested(fit.model), DRAWS)
         for level, wanted in _wanted(data):
             ceiling = experience.ceiling(level)
@@ -476,7 +478,7 @@ def decisions(
 
 def _probability(specimens: Specimens, degradation: float, pressure: float, checks: int) -> float:
     """Return the probability of rupture; nan without a pressure or a known limit."""
-    if not (np.isfinite(pressure) and specimens.model.has_elongation):
+    if not (np.isfinite(pressure) and has_elongation(specimens.model.base)):
         return float("nan")
     burst = respond(specimens, degradation, np.array([pressure])).burst.mean(axis=0)
     return float(not_below(burst, checks)[0])
@@ -512,7 +514,7 @@ def life(found: "TableSources") -> pd.DataFrame | None:
         return None
     tested = model_of(found.results.base.model, fit.model, found.study)
     posterior = Posterior(fit.model, fit.chain, tested)
-    pressure = DUTY_SHARE * fit.model.largest_pressure
+    pressure = DUTY_SHARE * fit.model.world.largest_pressure
     specimens = draw_specimens(fit.model, fit.chain, found.generator, draws=LIFE_DRAWS)
     fresh = respond(specimens, 0.0, np.array([pressure])).curvature
     wanted = DUTY_SHARE * float(np.nanmedian(fresh))
@@ -579,7 +581,7 @@ class TableSources:
     @property
     def has_actuators(self) -> bool:
         """Whether there are curvature readings."""
-        return self.results.base.model.actuator is not None
+        return bool(self.results.base.model.of_kind(Curvature))
 
     @property
     def steps(self) -> dict[str, Step]:
@@ -591,10 +593,10 @@ class TableSources:
 
     def residual(self) -> Floats | None:
         """Return the residuals of the base model [1/m]; None if unknown."""
-        data = self.results.base.model.actuator
-        if data is None or not self.readings:
+        model = self.results.base.model
+        if not model.of_kind(Curvature) or not self.readings:
             return None
-        return data.curvature - self.readings["base"].mean
+        return model.data_of(Curvature).tests.curvature - self.readings["base"].mean
 
 
 type Build = Callable[[TableSources], pd.DataFrame | None]
@@ -733,7 +735,7 @@ CRITERIA_PRESSURES = 4  # number of equal steps up to the largest tested pressur
 def _criteria_table(found: TableSources) -> pd.DataFrame | None:
     """Return the probability of rupture by each criterion, with the posterior of the chosen one."""
     fit = found.results.final
-    if fit.model.actuator is None or not fit.model.has_elongation:
+    if not fit.model.of_kind(Curvature) or not has_elongation(fit.model.base):
         return None
     pressure = np.linspace(0.0, _largest_pressure(found), CRITERIA_PRESSURES + 1)[1:]
     seed = int(found.generator.integers(2**32))  # the same draws for each
@@ -760,8 +762,8 @@ STEPS = 10  # least number of steps to the largest tested pressure
 
 
 def _largest_pressure(found: TableSources) -> float:
-    actuator = found.results.final.model.actuator
-    return 0.0 if actuator is None else float(np.max(actuator.pressure))
+    pressure = found.results.final.model.data_of(Curvature).tests.pressure
+    return float(np.max(pressure, initial=0.0))
 
 
 def pressure_grid(tested: float, *, times: float = 1.0) -> Floats:
@@ -786,7 +788,7 @@ def _on_grid(
 ) -> pd.DataFrame | None:
     """Return predictions for new specimens on a grid of degradation rates and pressures."""
     fit = found.results.final
-    if fit.model.actuator is None:
+    if not fit.model.of_kind(Curvature):
         return None
     pressure = pressure_grid(_largest_pressure(found), times=times)
     grid = level_grid(fit.model)
@@ -796,9 +798,9 @@ def _on_grid(
 def _shares_table(found: TableSources) -> pd.DataFrame | None:
     """Return the shares of the variance of predictions."""
     fit = found.results.final
-    if fit.model.actuator is None:
+    if not fit.model.of_kind(Curvature):
         return None
-    pressure = pressures_of(float(np.max(fit.model.actuator.pressure)))
+    pressure = pressures_of(float(np.max(fit.model.data_of(Curvature).tests.pressure)))
     draw, grid = found.generator, level_grid(fit.model)
     return curvature_shares(fit.model, fit.chain, draw, degradation=grid, pressure=pressure)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.observations.specimens import has_elongation
 from bayesdeg.prediction.predictive import QUANTILES, Specimens, finer, respond
 
 Floats = NDArray[np.float64]
@@ -271,7 +272,7 @@ def control(
 
 def _probability(specimens: Specimens, degradation: float | Floats, pressure: float) -> Floats:
     """Return the probability of rupture with its 90 % interval over the posterior."""
-    if not specimens.model.has_elongation:
+    if not has_elongation(specimens.model.base):
         return np.full(3, np.nan)
     at = np.array([pressure])
     mean = float(respond(specimens, degradation, at).burst.mean())

@@ -191,7 +191,7 @@ def live(
     shown : callable
         Called with each time that is done.
     """
-    first = specimens.model.largest_pressure
+    first = specimens.model.world.largest_pressure
     found = []
     for time in hours:
         level = Level(rates(float(time)), float(time))

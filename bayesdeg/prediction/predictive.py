@@ -13,8 +13,12 @@ from bayesdeg.actuator.inputs import Prediction
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.strength import Strength
+from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.means import Means
+from bayesdeg.observations.rupture import data_of_actuators, strength_of
+from bayesdeg.observations.specimens import has_elongation
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.priors import Named
 from bayesdeg.quantities import LOADING, UNLOADING
@@ -41,8 +45,12 @@ def at_conditions(
         Without a history each degradation rate has one specimen, over all pressures; with one
         there is a specimen for each rate and pressure, see `history`.
     """
-    largest = model.largest_pressure
-    return model.of_actuators(_tests_in(conditions, degradation, pressure, largest=largest))
+    largest = model.world.largest_pressure
+    return model.with_observations(
+        *data_of_actuators(
+            _tests_in(conditions, degradation, pressure, largest=largest), model.base
+        )
+    )
 
 
 class LoadHistory(NamedTuple):
@@ -201,7 +209,9 @@ class Grid:
 
     def deviation_sd(self, values: Named) -> Floats:
         """Return τ of specimens at each rate, (n, n_levels, 1)."""
-        return self.model.deviation_sd(values)[:, :: self._alike]
+        return self.model.data_of(Curvature).deviation_sd(self.model.tests(values))[
+            :, :: self._alike
+        ]
 
     def draw_deviation(self, values: Named, generator: np.random.Generator) -> Floats:
         """Draw the deviation of ln stiffness of a specimen at each rate, (n, n_levels, 1)."""
@@ -211,7 +221,9 @@ class Grid:
     def strength(self, values: Named) -> Strength:
         """Return the elongation limit of specimens at each rate, (n, n_levels, 1)."""
         step = self._alike
-        return self.model.strength(values).mapped(lambda array: array[:, ::step, None])
+        return strength_of(self.model.tests(values), self.model.data_of(Curvature).tests).mapped(
+            lambda array: array[:, ::step, None]
+        )
 
     def reached(self, values: Named, deviation: Floats) -> "Reached":
         """Return the response of specimens up to each reading, (n, n_levels, n_pressures).
@@ -223,7 +235,11 @@ class Grid:
         deviation : array, shape (n, n_levels, 1)
             Of each specimen's ln stiffness.
         """
-        prediction = self.model.curvature(values, np.repeat(deviation, self._alike, axis=1))
+        prediction = (
+            self.model.data_of(Curvature)
+            .predicted(self.model.tests(values), np.repeat(deviation, self._alike, axis=1))
+            .prediction
+        )
         answered = prediction.status == 0
         if not self.has_histories:
             stretch, sd = prediction.peak_stretch, prediction.peak_stretch_sd
@@ -289,13 +305,13 @@ def moving_nothing(
     """
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[:: -(-len(flat) // LOOKED_AT)])
-    pressure = SHARES * model.largest_pressure
+    pressure = SHARES * model.world.largest_pressure
 
     def seen(at: ServiceConditions) -> Floats:
         grid = Grid.of(model, degradation, pressure, at)
         sd = grid.deviation_sd(values)
         found = [sd, grid.reached(values, np.zeros_like(sd)).curvature]
-        if model.has_elongation:
+        if has_elongation(model.base):
             strength = grid.strength(values)
             found += [strength.limit(np.zeros(1)), strength.scatter, strength.flaw_share]
         return np.concatenate(found, axis=-1)
@@ -498,7 +514,7 @@ def respond_each(
     deviation = specimens.score[:, None, None] * grid.deviation_sd(specimens.values)
     reached = grid.reached(specimens.values, deviation)
     answered = reached.answered[:, 0]
-    known = _burst(grid, specimens.values, reached) if grid.model.has_elongation else 0.0
+    known = _burst(grid, specimens.values, reached) if has_elongation(grid.model.base) else 0.0
     curvature: Floats = np.where(answered, reached.curvature[:, 0], np.nan)
     return curvature, np.where(answered, known, 1.0)
 
@@ -516,10 +532,10 @@ def specimens_tested(model: JointModel) -> int:
     The distribution of the limit and the strains were checked on no more specimens. Films behind a
     published mean count too, as do actuators of which only the number burst is known.
     """
-    films = 0 if model.breaks is None else len(model.breaks.specimens)
-    means = (s for s in model.statistics if s.quantity == "elongation_at_break")
+    films = len(model.data_of(Breaks).labels)
+    means = (s for s in model.data_of(Means).statistics if s.quantity == "elongation_at_break")
     films += sum(round(s.dof) + 1 for s in means if np.isfinite(s.dof))
-    own = 0 if model.actuator is None else len(model.actuator.specimens)
+    own = len(model.data_of(Curvature).labels)
     others = sum(float(one.tests.tested.sum()) for one in model.of_kind(RuptureCounts))
     return films + own + int(others)
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.tensile import film_readings, median_stresses, stress_variance
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.tensile import Tensile, film_readings, median_stresses, stress_variance
 from bayesdeg.prediction.predictive import QUANTILES, at_conditions
 from bayesdeg.priors import Named
 
@@ -69,10 +70,10 @@ def prior_predictive(model: JointModel, generator: np.random.Generator) -> Prior
     """
     values = model.table.named(model.table.sample(generator, DRAWS))
     frames, answered, inside = [], float("nan"), [float("nan")] * 2
-    if model.actuator is not None:
+    if model.of_kind(Curvature):
         frames.append(curvature_curves(model, values, generator))
         answered, inside[0] = _held_against_curvature(model, values, generator)
-    if model.tensile is not None:
+    if model.of_kind(Tensile):
         frames.append(stress_curves(model, values, generator))
         inside[1] = _held_against_stress(model, values, generator)
     table = pd.concat(frames or [_nothing()], ignore_index=True)
@@ -86,11 +87,16 @@ def curvature_curves(
 
     A quantile is nan where the forward map answers fewer than half of the draws.
     """
-    assert model.actuator is not None
-    degradation, _ = levels(model.actuator.degradation[:, 0])
-    pressure = np.arange(0.0, float(np.max(model.actuator.pressure)) + 1e-9, PRESSURE_STEP)
-    grid = at_conditions(model, degradation, pressure)
-    curvature = grid.curvature(values, grid.draw_deviation(values, generator)).curvature
+    degradation, _ = levels(model.data_of(Curvature).tests.degradation[:, 0])
+    pressure = np.arange(
+        0.0, float(np.max(model.data_of(Curvature).tests.pressure)) + 1e-9, PRESSURE_STEP
+    )
+    kind, state = (
+        at_conditions(model, degradation, pressure).data_of(Curvature),
+        model.tests(values),
+    )
+    found = kind.predicted(state, kind.drawn_deviations(state, generator))
+    curvature = found.prediction.curvature
     rates, pressures = np.meshgrid(degradation, pressure, indexing="ij")
     return _frame(
         curvature.reshape(len(curvature), -1),
@@ -103,8 +109,7 @@ def curvature_curves(
 
 def stress_curves(model: JointModel, values: Named, generator: np.random.Generator) -> pd.DataFrame:
     """Return quantiles of nominal stress against stretch at the films' degradation rates."""
-    assert model.tensile is not None
-    data = model.tensile
+    data = model.data_of(Tensile).tests
     deviation = values["stiffness_scatter"] * generator.standard_normal(DRAWS)
     frames = []
     for mode in dict.fromkeys(data.modes):
@@ -114,7 +119,7 @@ def stress_curves(model: JointModel, values: Named, generator: np.random.Generat
             own = rows[member == k]
             longest = float(np.max(np.where(data.mask[own], data.stretch[own], 1.0)))
             stretch = np.linspace(1.0, longest, STRETCHES)
-            constants = model.constants(values, np.array([centre]))[:, 0]
+            constants = model.world.constants(values, np.array([centre]))[:, 0]
             stress = constants @ yeoh_basis(stretch, mode, "nominal").T
             frames.append(
                 _frame(
@@ -133,16 +138,15 @@ def _held_against_curvature(
     model: JointModel, values: Named, generator: np.random.Generator
 ) -> tuple[float, float]:
     """Return the shares of draws within range everywhere, and of readings inside 90 %."""
-    assert model.actuator is not None
-    mask = model.actuator.mask
-    readings = model.simulate_curvature(values, generator)[:, mask]
+    kind = model.data_of(Curvature)
+    mask = kind.tests.mask
+    readings = kind.drawn(model.tests(values), generator)[..., : mask.shape[1]][:, mask]
     answered = np.isfinite(readings)
-    return float(np.mean(answered.all(axis=1))), _inside(readings, model.actuator.curvature[mask])
+    return float(np.mean(answered.all(axis=1))), _inside(readings, kind.tests.curvature[mask])
 
 
 def _held_against_stress(model: JointModel, values: Named, generator: np.random.Generator) -> float:
-    assert model.tensile is not None
-    data = model.tensile
+    data = model.data_of(Tensile).tests
     sd = np.broadcast_arrays(values["stiffness_scatter"][:, None], data.degradation_sd)
     deviation = np.stack(sd, axis=-1) * generator.standard_normal((*sd[0].shape, 2))
     stress, _ = film_readings(median_stresses(model.state(values), data), deviation)

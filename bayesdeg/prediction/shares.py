@@ -30,6 +30,7 @@ from bayesdeg.data.uncertain import is_dimension
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.degradation import levels
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import PAPER_STIFFNESS
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.priors import Named
@@ -318,7 +319,7 @@ def _inputs(model: JointModel, values: Named, generator: np.random.Generator) ->
     count = len(values[names[0]])
     scores = np.column_stack([_scores(values[name]) for name in names])
     own = generator.standard_normal((count, 2))
-    size, drawn = len(names), own if model.degrades else own[:, :1]
+    size, drawn = len(names), own if model.world.degrades else own[:, :1]
     correlation = np.eye(size + drawn.shape[1])
     correlation[:size, :size] = scores.T @ scores / count  # scores have mean 0 and variance 1
     np.fill_diagonal(correlation, 1.0)  # also for a parameter that is known exactly
@@ -327,7 +328,7 @@ def _inputs(model: JointModel, values: Named, generator: np.random.Generator) ->
         groups[source] = np.arange(first, first + len(group))
         first += len(group)
     groups[SCATTER] = np.append(groups[SCATTER], size)
-    if model.degrades:
+    if model.world.degrades:
         groups[DEGRADATION] = np.array([size + 1])
     ordered = {source: groups[source] for source in SOURCES if source in groups}
     return _Inputs(np.column_stack([scores, drawn]), ordered, correlation, own)
@@ -362,14 +363,14 @@ def _readings(
     model: JointModel, values: Named, own: Floats, degradation: Floats, pressure: Floats
 ) -> tuple[Floats, dict[str, Floats]]:
     """Return curvatures (n, n_places) [1/m] and standard deviations of errors by their source."""
-    grid = at_conditions(model, degradation, pressure)
-    scatter = grid.deviation_sd(values)
-    curves = grid.curvatures.curves
-    uncertain = replace(curves, degradation_sd=_measured_sd(model, degradation)[:, None])
-    both = grid.of_actuators(uncertain).deviation_sd(values)
+    kind = at_conditions(model, degradation, pressure).data_of(Curvature)
+    state = model.tests(values)
+    scatter = kind.deviation_sd(state)
+    sd = _measured_sd(model, degradation)[:, None]
+    both = Curvature(replace(kind.tests, degradation_sd=sd)).deviation_sd(state)
     by_rate = np.sqrt(np.maximum(both**2 - scatter**2, 0.0))
     deviation = scatter * own[:, :1, None] + by_rate * own[:, 1:, None]
-    found = grid.curvature(values, deviation)
+    found = kind.predicted(state, deviation).prediction
     curvature = np.where(found.status == 0, found.curvature, np.nan)
     floor, noise = (values[f"curvature_noise{n}"][:, None, None] for n in ("_floor", ""))
     errors = {READING: np.hypot(floor, noise * curvature)}
@@ -381,9 +382,8 @@ def _readings(
 
 def _measured_sd(model: JointModel, degradation: Floats) -> Floats:
     """Return the standard error with which degradation rates were measured there [%]."""
-    assert model.actuator is not None
-    centres, member = levels(model.actuator.degradation[:, 0])
-    sd = model.actuator.degradation_sd[:, 0]
+    centres, member = levels(model.data_of(Curvature).tests.degradation[:, 0])
+    sd = model.data_of(Curvature).tests.degradation_sd[:, 0]
     each = np.array([np.sqrt(np.mean(sd[member == k] ** 2)) for k in range(len(centres))])
     return np.asarray(np.interp(degradation, centres, each))
 

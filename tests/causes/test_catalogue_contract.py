@@ -22,6 +22,8 @@ from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.strength import Strength
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.specimens import FilmsAndActuators
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import actuator_curves, base_parameters
@@ -75,7 +77,9 @@ def module_of(name):
 @pytest.fixture(scope="module")
 def model():
     world = FilmsAndActuators((0.0, 12.5, 25.0), (0.0, 25.0), trained())
-    return JointModel(base_parameters(), (), world).of_actuators(actuator_curves())
+    return JointModel(base_parameters(), (), world).with_observations(
+        *data_of_actuators(actuator_curves(), JointModel(base_parameters(), (), world).base)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +101,9 @@ def neutral(cause):
 
 
 def degradation_of(model):
-    return Degradation(model.actuator.degradation, model.actuator.degradation_sd)
+    return Degradation(
+        model.data_of(Curvature).tests.degradation, model.data_of(Curvature).tests.degradation_sd
+    )
 
 
 def conditions_of(model):
@@ -105,7 +111,7 @@ def conditions_of(model):
 
     Specimens are of four batches, and were tested on days of different warmth.
     """
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     return Conditions(
         np.concatenate([data.pressure, data.pressure[:, -2::-1]], axis=1),
         data.degradation,
@@ -160,16 +166,22 @@ def acted_on(cause, values, model):
     if cause.on_inputs is not None:
         before = inputs_of(model)
         after = cause.on_inputs(before, conditions, effect)
-        pairs += [(before, after), (model.forward(before), model.forward(after))]
+        pairs += [
+            (before, after),
+            (
+                model.world.forward(before),
+                model.world.forward(after),
+            ),
+        ]
     if cause.on_reading is not None:
-        before = model.forward(inputs_of(model))
+        before = model.world.forward(inputs_of(model))
         pairs.append((before, cause.on_reading(before, conditions, effect)))
     if cause.on_stress is not None:
         after = cause.on_stress(STRESS, films(), effect, CONSTANTS)
         pairs.append((Stresses(STRESS), Stresses(after)))
     if cause.on_strength is not None:
         flat = {name: value[..., 0] for name, value in effect.items()}
-        level = model.actuator.degradation[None, :, 0]
+        level = model.data_of(Curvature).tests.degradation[None, :, 0]
         slope = np.full(level.shape, -0.056)
         state = StrengthConditions(level, conditions.room_humidity, slope)
         after = cause.on_strength(STRENGTH, state, flat)
@@ -210,7 +222,10 @@ def test_neutral_values_leave_prediction_and_likelihood_exactly_as_they_were(
     cause, model, base_values
 ):
     extended, values = model.extended(cause), base_values | neutral(cause)
-    assert_same_record(extended.curvature(values), model.curvature(base_values))
+    assert_same_record(
+        extended.data_of(Curvature).predicted(extended.tests(values)).prediction,
+        model.data_of(Curvature).predicted(model.tests(base_values)).prediction,
+    )
     for kind, block in model.log_likelihood(base_values).items():
         np.testing.assert_array_equal(extended.log_likelihood(values)[kind], block)
 
@@ -221,8 +236,20 @@ def test_neutral_values_pass_on_what_other_causes_did(cause, model, base_values)
     for other in CATALOGUE.values():
         if other.name == cause.name:
             continue
-        alone = model.extended(other).curvature(base_values | typical(other))
-        both = model.extended(other, cause).curvature(base_values | typical(other) | neutral(cause))
+        alone = (
+            model.extended(other)
+            .data_of(Curvature)
+            .predicted(model.extended(other).tests(base_values | typical(other)))
+            .prediction
+        )
+        both = (
+            model.extended(other, cause)
+            .data_of(Curvature)
+            .predicted(
+                model.extended(other, cause).tests(base_values | typical(other) | neutral(cause))
+            )
+            .prediction
+        )
         assert_same_record(both, alone)
 
 
@@ -256,7 +283,7 @@ def test_a_draw_changes_the_likelihood_if_and_only_if_the_tests_can_reveal_it(
 ):
     """The small study has actuators alone, inflated once, and no clock."""
     seen = {"actuator", "rupture"} & cause.acts_on
-    revealed = bool(seen) and cause.blind(model.actuator.conditions) is None
+    revealed = bool(seen) and cause.blind(model.data_of(Curvature).tests.conditions) is None
     draws = values_of(cause, lambda p: p.law.sample(np.random.default_rng(1)))
     before = model.log_likelihood(base_values)
     after = model.extended(cause).log_likelihood(base_values | draws)
@@ -283,9 +310,17 @@ def test_a_batch_of_effects_is_one_effect_at_a_time(cause, model, base_values):
     generator = np.random.default_rng(3)
     draws = {cause.qualified(p.name): p.law.sample(generator, 5) for p in cause.parameters}
     extended = model.extended(cause)
-    together = extended.curvature({k: np.repeat(v, 5) for k, v in base_values.items()} | draws)
+    together = (
+        extended.data_of(Curvature)
+        .predicted(extended.tests({k: np.repeat(v, 5) for k, v in base_values.items()} | draws))
+        .prediction
+    )
     for i in range(5):
-        alone = extended.curvature(base_values | {k: v[i : i + 1] for k, v in draws.items()})
+        alone = (
+            extended.data_of(Curvature)
+            .predicted(extended.tests(base_values | {k: v[i : i + 1] for k, v in draws.items()}))
+            .prediction
+        )
         np.testing.assert_allclose(together.curvature[i], alone.curvature[0], rtol=1e-12)
         np.testing.assert_array_equal(together.status[i], alone.status[0])
 
@@ -296,12 +331,19 @@ def test_the_slope_stays_the_derivative_by_a_loss_of_stiffness(cause, model, bas
     extended, values = model.extended(cause), base_values | typical(cause)
     h, stiffnesses = 1e-5, ("c1_", "c3_", "paper_stiffness")
     soft, stiff = (
-        extended.curvature(
-            {k: v * np.exp(d) if k.startswith(stiffnesses) else v for k, v in values.items()}
-        ).curvature
+        extended.data_of(Curvature)
+        .predicted(
+            extended.tests(
+                {k: v * np.exp(d) if k.startswith(stiffnesses) else v for k, v in values.items()}
+            )
+        )
+        .prediction.curvature
         for d in (-h, h)
     )
-    here, mask = extended.curvature(values), model.actuator.mask[None]
+    here, mask = (
+        extended.data_of(Curvature).predicted(extended.tests(values)).prediction,
+        model.data_of(Curvature).tests.mask[None],
+    )
     np.testing.assert_allclose(
         here.slope[mask], ((soft - stiff) / (2.0 * h))[mask], rtol=1e-6, atol=1e-6
     )
@@ -361,7 +403,7 @@ def test_it_is_blind_to_nothing_where_every_column_was_recorded(cause, model):
 
 @each_cause
 def test_a_cause_that_needs_columns_says_why_tests_without_them_are_blind(cause, model):
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     why = cause.blind(Conditions(data.pressure, data.degradation))
     assert why is None or why == why.strip() != ""
     if cause.needs:
@@ -403,7 +445,10 @@ def test_a_model_applies_causes_in_that_order_however_they_are_added(model, base
         one_by_one = one_by_one.extended(cause)
     assert forwards.causes == backwards.causes == one_by_one.causes == tuple(causes)
     assert forwards.table.names == backwards.table.names
-    assert_same_record(forwards.curvature(values), backwards.curvature(values))
+    assert_same_record(
+        forwards.data_of(Curvature).predicted(forwards.tests(values)).prediction,
+        backwards.data_of(Curvature).predicted(backwards.tests(values)).prediction,
+    )
 
 
 def test_an_unknown_cause_is_refused_with_the_nearest_name():

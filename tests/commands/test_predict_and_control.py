@@ -15,6 +15,7 @@ from bayesdeg.emulator.trained import default_surrogate, to_bytes, write_trained
 from bayesdeg.inference.course import CourseModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.inference.tree import to_datatree
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.forecast import model_document, read_stored
 from bayesdeg.prediction.predictive import curvature_bands, rupture_table
@@ -92,8 +93,8 @@ def rows_of(printed):
 def test_the_stored_model_predicts_as_the_one_that_was_calibrated(report, models):
     stored = read_stored(report)
     assert stored.name == "base+pressure_offset"
-    assert stored.model.nodes == models[1].nodes
-    assert stored.model.elongation_nodes == models[1].elongation_nodes
+    assert stored.model.world.nodes == models[1].world.nodes
+    assert stored.model.world.elongation_nodes == models[1].world.elongation_nodes
     assert stored.measured == {
         "pressure_kPa": (40.0, 120.0),
         "degradation_pct": (0.0, 25.0),
@@ -104,8 +105,11 @@ def test_the_stored_model_predicts_as_the_one_that_was_calibrated(report, models
     rebuilt = stored.model.table.named(
         stored.chain.vectors.reshape(-1, stored.chain.vectors.shape[-1])
     )
-    own = altered(stored.model, actuator=models[1].actuator).curvature(rebuilt).curvature
-    expected = models[1].curvature(calibrated).curvature
+    again = altered(stored.model, actuator=models[1].data_of(Curvature).tests)
+    own = again.data_of(Curvature).predicted(again.tests(rebuilt)).prediction.curvature
+    expected = (
+        models[1].data_of(Curvature).predicted(models[1].tests(calibrated)).prediction.curvature
+    )
     np.testing.assert_allclose(own, expected, rtol=1e-10)
 
 

@@ -67,12 +67,12 @@ def test_another_operator_is_refused_where_its_ratio_is_not_known(call, command,
 
 def test_the_model_predicts_what_is_stated(call, tmp_path):
     call(CIRCLE, "check")
-    forward = assemble(read_study(tmp_path / "study"), emulator()).model.forward
+    forward = assemble(read_study(tmp_path / "study"), emulator()).model.world.forward
     assert isinstance(forward, ReadByOperator)
     assert mechanics_of(forward) is not forward
     call("", "check")
     study = read_study(tmp_path / "study")
-    assert not isinstance(assemble(study, emulator()).model.forward, ReadByOperator)
+    assert not isinstance(assemble(study, emulator()).model.world.forward, ReadByOperator)
 
 
 def test_a_run_folder_keeps_what_its_predictions_are_readings_of(call, tmp_path):

@@ -8,6 +8,8 @@ import numpy as np
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.linear import Linear, Whitening
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.priors import LogNormal, Normal, Parameter, with_priors
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
@@ -41,7 +43,7 @@ def tight_model(*, with_angle=False):
     model = small_model()
     shape = (6, 8)
     data = replace(
-        model.actuator,
+        model.data_of(Curvature).tests,
         specimens=tuple("abcdef"),
         degradation=np.repeat([0.0, 10.0, 24.0], 2)[:, None],
         degradation_sd=np.zeros((6, 1)),
@@ -68,10 +70,10 @@ def noise_correlation_by_hand(model, values):
 
     From the law of Ornstein and Uhlenbeck, but for a fifth of the variance that is each picture's.
     """
-    pressure = model.actuator.pressure[0]
+    pressure = model.data_of(Curvature).tests.pressure[0]
     decay = np.exp(-np.abs(pressure[:, None] - pressure) / values["curvature_noise_length"][0])
     decay = 0.8 * decay + 0.2 * np.eye(len(pressure))
-    if not model.actuator.with_angle:
+    if not model.data_of(Curvature).tests.with_angle:
         return decay
     c = values["reading_correlation"][0]
     return np.block([[decay, c * decay], [c * decay, decay]])
@@ -83,10 +85,12 @@ def known_linear(*, with_angle=False):
     model = altered(tight_model(with_angle=with_angle), tensile=None)
     mode = model.table.vectors(values_of())[0]
     values = model.table.named(mode[None])
-    prediction = model.predict(values).mean[0]
-    model = model.with_readings(prediction)  # the deviations that explain it best are zero
-    predicted = model.predict(values)
-    spread = model.deviation_sd(values)[0, :, 0] ** 2
+    prediction = model.data_of(Curvature).predicted(model.tests(values)).mean[0]
+    model = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(prediction), model.base)
+    )  # the deviations that explain it best are zero
+    predicted = model.data_of(Curvature).predicted(model.tests(values))
+    spread = model.data_of(Curvature).deviation_sd(model.tests(values))[0, :, 0] ** 2
     correlation = noise_correlation_by_hand(model, values)
     size = prediction.shape[1]
     covariance = np.zeros((prediction.size, prediction.size))
@@ -103,8 +107,13 @@ def known_linear(*, with_angle=False):
 def with_readings(linear, readings):
     """The same model with other data, (n,)."""
     model = linear.subject
-    shaped = np.reshape(readings, model.actuator.readings.shape)
-    return replace(linear, subject=model.with_readings(shaped))
+    shaped = np.reshape(readings, model.data_of(Curvature).tests.readings.shape)
+    return replace(
+        linear,
+        subject=model.with_observations(
+            *data_of_actuators(model.data_of(Curvature).tests.with_readings(shaped), model.base)
+        ),
+    )
 
 
 def scaling_cause(name="scale", sd=0.1, on_reading=None):

@@ -21,7 +21,8 @@ from bayesdeg.criticism.checks.count_misfit import (
     own_counts,
 )
 from bayesdeg.observations.counts import Chances, CountedTests, RuptureCounts, chances_of
-from bayesdeg.observations.curvature import mechanics_inputs, parts_of
+from bayesdeg.observations.curvature import Curvature, mechanics_inputs, parts_of
+from bayesdeg.observations.means import Means
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 WEAK = TRUTH | {"elongation_at_0": 60.0, "elongation_at_25": 10.0, "elongation_scatter": 0.15}
@@ -140,8 +141,8 @@ def test_counts_of_a_model_are_those_of_simulated_actuators():
 
         sd = np.sqrt(parts_of(state, one).spread)[..., None]
         asked = mechanics_inputs(state, one, sd * generator.standard_normal((many, 1, 1)))
-        stretch = model.forward(asked).peak_stretch[:, 0, 0]
-        median = model.elongation(values, np.array([level]))[0, 0] / 100.0
+        stretch = model.world.forward(asked).peak_stretch[:, 0, 0]
+        median = model.world.elongation(values, np.array([level]))[0, 0] / 100.0
         scatter = WEAK["elongation_scatter"]
         limit = median * np.exp(scatter * generator.standard_normal(many))
         share = np.mean(stretch - 1.0 > limit)
@@ -151,17 +152,17 @@ def test_counts_of_a_model_are_those_of_simulated_actuators():
 def test_own_actuators_are_counted_by_level():
     model = small_model()
     own = own_counts(model).tests
-    assert own.tested.sum() == len(model.actuator.specimens)
-    assert own.ruptured.sum() == model.actuator.ruptured.any(axis=1).sum()
+    assert own.tested.sum() == len(model.data_of(Curvature).tests.specimens)
+    assert own.ruptured.sum() == model.data_of(Curvature).tests.ruptured.any(axis=1).sum()
     assert own_counts(altered(model, actuator=None)) is None
 
 
 def test_own_actuators_of_a_level_are_counted_in_the_room_of_their_tests():
     """Whose dry air weakens them, and that of the storage does not."""
     model, dry = small_model(), CATALOGUE["dry_embrittlement"]
-    room = np.full(model.actuator.pressure.shape, 67.0)
+    room = np.full(model.data_of(Curvature).tests.pressure.shape, 67.0)
     room[0], room[1], room[2] = 61.0, 63.0, np.nan  # two are fresh, the next is of 5 %
-    known = altered(model, actuator=replace(model.actuator, humidity=room))
+    known = altered(model, actuator=replace(model.data_of(Curvature).tests, humidity=room))
     tests = own_counts(known).tests
     np.testing.assert_array_equal(tests.humidity, [62.0, np.nan, 67.0, 67.0])
     assert np.all(np.isnan(own_counts(model).tests.humidity))
@@ -182,6 +183,8 @@ def test_only_models_of_actuators_with_a_limit_are_asked():
             model,
             base=unlimited,
             breaks=None,
-            statistics=tuple(s for s in model.statistics if "elongation" not in s.quantity),
+            statistics=tuple(
+                s for s in model.data_of(Means).statistics if "elongation" not in s.quantity
+            ),
         )
     )

@@ -28,7 +28,7 @@ from bayesdeg.criticism.checks.discrepancy import (
 )
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL
-from bayesdeg.observations.curvature import ANGLE, CURVATURE
+from bayesdeg.observations.curvature import ANGLE, CURVATURE, Curvature
 from bayesdeg.observations.readings import places_of
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, with_readings
@@ -274,9 +274,9 @@ def test_a_stiff_specimen_is_scatter_and_no_misfit(linear):
     """One specimen along its own slope, by one sd of specimens: the model expects that."""
     model = linear.subject
     values = model.table.named(linear.mode[None])
-    slope = model.predict(values).slope[0]
+    slope = model.data_of(Curvature).predicted(model.tests(values)).slope[0]
     moved = np.zeros_like(slope)
-    moved[2] = float(model.deviation_sd(values)[0, 2, 0]) * slope[2]
+    moved[2] = float(model.data_of(Curvature).deviation_sd(model.tests(values))[0, 2, 0]) * slope[2]
     assert statistic_of(linear, linear.mean + moved.ravel()) < 1.0
 
 
@@ -306,7 +306,7 @@ def test_a_discrepancy_of_one_specimen_is_found_as_such():
 
 def with_histories(linear):
     """The same tests, every other reading unloaded."""
-    data = linear.subject.actuator
+    data = linear.subject.data_of(Curvature).tests
     branch = np.where(np.arange(data.pressure.shape[1]) % 2 == 0, "loading", "unloading")
     recorded = replace(data, branch=np.broadcast_to(branch, data.pressure.shape))
     subject = altered(linear.subject, actuator=recorded)

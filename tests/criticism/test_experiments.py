@@ -34,7 +34,10 @@ from bayesdeg.criticism.experiments.ranking import (
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import Evidence
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.pressures import PressureTests
+from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.observations.tensile import Tensile, median_stresses
 from bayesdeg.observations.volume import SHARE_OF_STROKE, CavityVolume
 from bayesdeg.report.wording import worded
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
@@ -54,7 +57,7 @@ STRIP = "strip of the wall"
 def model():
     """The small study with the shipped emulator, thrice as many specimens and no bend angle."""
     whole = small_model(default_surrogate())
-    data = whole.actuator.subset(np.repeat(np.arange(5), 3))
+    data = whole.data_of(Curvature).tests.subset(np.repeat(np.arange(5), 3))
     return altered(whole, actuator=replace(data, angle_mask=np.zeros_like(data.mask)))
 
 
@@ -83,7 +86,11 @@ def alike(model, first, name, low, high, truth=QUIET, others=None):
     def curvatures(sizes):
         hypothesis = around(model, sizes, width=0.0, truth=truth)
         values = hypothesis.model.table.named(hypothesis.draws[:1])
-        return hypothesis.model.predict(values).mean[0][model.actuator.mask]
+        return (
+            hypothesis.model.data_of(Curvature)
+            .predicted(hypothesis.model.tests(values))
+            .mean[0][model.data_of(Curvature).tests.mask]
+        )
 
     target = curvatures(first)
 
@@ -184,12 +191,25 @@ def test_scatter_is_that_of_the_linearised_model(model):
     hypothesis = around(model, {}, width=0.0)
     values = model.table.named(hypothesis.draws[:1])
     # readings as predicted: the most probable deviations are zero
-    exact = model.with_readings(model.predict(values).mean[0])
-    films = replace(exact.tensile, stress=exact.stresses(values, exact.tensile).at_rest[0])
+    exact = model.with_observations(
+        *data_of_actuators(
+            model.data_of(Curvature).tests.with_readings(
+                model.data_of(Curvature).predicted(model.tests(values)).mean[0]
+            ),
+            model.base,
+        )
+    )
+    films = replace(
+        exact.data_of(Tensile).tests,
+        stress=median_stresses(exact.tests(values), exact.data_of(Tensile).tests).at_rest[0],
+    )
     exact = altered(exact, tensile=films)
     scatter = exact.scatter(hypothesis.draws[0])
     place = 0
-    for test in (FilmTests(exact.tensile, 1), ActuatorTests(exact.actuator, 1)):
+    for test in (
+        FilmTests(exact.data_of(Tensile).tests, 1),
+        ActuatorTests(exact.data_of(Curvature).tests, 1),
+    ):
         for block, read in zip(test.covariance(exact, values)[0], test.read, strict=True):
             count = int(read.sum())
             own = scatter[place : place + count, place : place + count]
@@ -359,7 +379,7 @@ def test_the_document_holds_what_the_contract_asks_for(ranked):
 
 
 def test_more_specimens_are_worth_more(model, many):
-    data = model.actuator.subset(np.array([0]))
+    data = model.data_of(Curvature).tests.subset(np.array([0]))
     few, more = (ActuatorTests(data, k) for k in (1, 6))
     pair = (many[0], many[2])
     worth = [compare(pair, m, np.random.default_rng(9))[0].expected for m in (few, more)]
@@ -370,7 +390,7 @@ def test_more_specimens_are_worth_more(model, many):
 
 
 def test_readings_beyond_the_range_are_left_out(model, many):
-    data = model.actuator.subset(np.array([0]))
+    data = model.data_of(Curvature).tests.subset(np.array([0]))
     points = data.pressure.shape[1]
     beyond = replace(data, pressure=np.where(np.arange(points) < points - 2, data.pressure, 5e3))
     shorter = replace(data, mask=data.mask & (np.arange(points) < points - 2))
@@ -462,25 +482,27 @@ HAS = {
 @pytest.mark.parametrize("name", HAS)
 def test_only_what_the_study_does_not_have_is_proposed(model, name):
     plain = {e.kind for e in candidate_experiments(model)}
-    data = replace(model.actuator, **HAS[name].fields)
+    data = replace(model.data_of(Curvature).tests, **HAS[name].fields)
     proposed = {e.kind for e in candidate_experiments(altered(model, actuator=data))}
     assert HAS[name].gone <= plain
     assert plain - proposed == HAS[name].gone
 
 
 def test_candidates_keep_to_the_design_of_the_study(model, experiments):
-    top = model.actuator.pressure.max()
+    top = model.data_of(Curvature).tests.pressure.max()
     for experiment in experiments:
         if isinstance(experiment.measurement, ActuatorTests):
             curves = experiment.measurement.curves
             assert curves.pressure.max() <= top
-            assert curves.degradation.max() <= model.nodes[-1]
+            assert curves.degradation.max() <= model.world.nodes[-1]
             assert len(curves.specimens) * experiment.measurement.copies == experiment.specimens
         assert f"{experiment.specimens} " in worded(experiment.plan)
 
 
 def test_a_burst_level_is_tested_up_to_what_half_of_its_specimens_reached(model):
-    data = model.actuator  # the one specimen at 24 % was read at five of seven pressures
+    data = model.data_of(
+        Curvature
+    ).tests  # the one specimen at 24 % was read at five of seven pressures
     tests = [
         e.measurement.curves
         for e in candidate_experiments(model)
@@ -490,14 +512,14 @@ def test_a_burst_level_is_tested_up_to_what_half_of_its_specimens_reached(model)
 
 
 def test_films_alone_are_tested_in_another_mode(model):
-    uniaxial = model.tensile.subset(np.array([0, 1]))
+    uniaxial = model.data_of(Tensile).tests.subset(np.array([0, 1]))
     alone = altered(model, actuator=None, tensile=uniaxial)
     assert {e.kind for e in candidate_experiments(alone)} == {"equibiaxial", "planar"}
     assert candidate_experiments(altered(model, actuator=None, tensile=None)) == ()
 
 
 def test_an_equibiaxial_test_separates_what_uniaxial_films_cannot(model):
-    uniaxial = altered(model, tensile=model.tensile.subset(np.array([0])))
+    uniaxial = altered(model, tensile=model.data_of(Tensile).tests.subset(np.array([0])))
     found = {e.kind: e for e in candidate_experiments(uniaxial)}
     pair = around(uniaxial, {}), around(uniaxial, {"second_invariant.ratio": 0.2}, seed=1)
     assert expected_of(pair, found["equibiaxial"]) > LEAST
@@ -526,7 +548,7 @@ def test_what_was_not_recorded_is_proposed_first_and_nothing_else_shows_it(
     model, experiments, kind, sizes
 ):
     name = next(iter(sizes)).split(".")[0]
-    assert find(name).blind(model.actuator.conditions) is not None
+    assert find(name).blind(model.data_of(Curvature).tests.conditions) is not None
     assert shown(kind, experiments, name)
     pair = (
         around(model, {}, truth=ORDINARY, width=0.002),
@@ -542,7 +564,9 @@ def of_batches(model, numbers):
     batch = np.repeat(np.array(numbers), 3)[:, None]
     names = np.array(["spring", "autumn", "winter"])[batch]
     names[0] = ""  # without a record it counts as of the first
-    return altered(model, actuator=replace(model.actuator, batch=batch, batch_name=names))
+    return altered(
+        model, actuator=replace(model.data_of(Curvature).tests, batch=batch, batch_name=names)
+    )
 
 
 def test_a_batch_that_was_tested_at_no_other_rate_is_tested_there(model):
@@ -552,7 +576,7 @@ def test_a_batch_that_was_tested_at_no_other_rate_is_tested_there(model):
     assert "two batches" not in {e.kind for e in proposed}
     found = [(e.plan.levels, e.plan.batch) for e in of_kind(proposed, "another batch")]
     assert found == [((0.0,), "autumn"), ((24.0,), "spring")]
-    nameless = replace(confounded.actuator, batch_name=None)
+    nameless = replace(confounded.data_of(Curvature).tests, batch_name=None)
     proposed_too = candidate_experiments(altered(confounded, actuator=nameless))
     assert {e.plan.batch for e in of_kind(proposed_too, "another batch")} == {""}
     misread = (
@@ -574,7 +598,7 @@ def test_further_specimens_are_of_the_batch_that_is_usual_at_their_rate(model):
     mixed = of_batches(model, [0, 2, 1, 1, 1])
     [again] = of_kind(candidate_experiments(mixed), "more specimens")
     assert again.measurement.curves.batch[:, 0].tolist() == [0, 1, 1, 1]
-    films = replace(mixed.tensile.subset(np.array([0, 1])), batch=np.array([1, 0]))
+    films = replace(mixed.data_of(Tensile).tests.subset(np.array([0, 1])), batch=np.array([1, 0]))
     proposed = candidate_experiments(altered(mixed, tensile=films))
     assert {e.measurement.curves.batch.tolist()[0] for e in of_kind(proposed, "planar")} == {1}
 
@@ -589,9 +613,9 @@ def test_two_batches_cost_no_more_than_other_tests(experiments):
 
 
 def test_a_warmer_room_is_warmer_than_the_usual_one(model):
-    shape = model.actuator.pressure.shape
-    recorded = replace(model.actuator, temperature=np.full(shape, 21.0))
-    for data, usual in ((model.actuator, 24.0), (recorded, 21.0)):
+    shape = model.data_of(Curvature).tests.pressure.shape
+    recorded = replace(model.data_of(Curvature).tests, temperature=np.full(shape, 21.0))
+    for data, usual in ((model.data_of(Curvature).tests, 24.0), (recorded, 21.0)):
         rooms = of_kind(candidate_experiments(altered(model, actuator=data)), "warmer room")
         assert {e.plan.temperature_c for e in rooms} == {usual + WARMER}
         for e in rooms:
@@ -624,14 +648,14 @@ class Swept:
 
 @pytest.fixture(scope="module")
 def swept(model):
-    return altered(model, forward=Swept(model.forward))
+    return altered(model, forward=Swept(model.world.forward))
 
 
 def test_volumes_are_proposed_where_the_map_answers_them_and_none_were_read(model, swept):
     assert not of_kind(candidate_experiments(model), "cavity volume")
     proposed = of_kind(candidate_experiments(swept), "cavity volume")
     assert [e.plan.levels for e in proposed] == [(0.0,), (24.0,)]
-    data = swept.actuator
+    data = swept.data_of(Curvature).tests
     tests = PressureTests(
         *(data.specimens, data.degradation, data.degradation_sd, data.conditions),
         *(np.where(data.mask, 0.1, 0.0), data.mask),
@@ -694,7 +718,7 @@ def test_volumes_tell_walls_from_the_material_and_no_gauge_from_it(swept):
 )
 def test_every_cause_but_that_of_strength_alone_is_revealed_by_some_experiment(model, name):
     """A typical effect, all else known: something that is proposed shows it."""
-    uniaxial = altered(model, tensile=model.tensile.subset(np.array([0, 1])))
+    uniaxial = altered(model, tensile=model.data_of(Tensile).tests.subset(np.array([0, 1])))
     cause = find(name)
     sizes = {cause.qualified(k): v for k, v in cause.typical.items()}
     truth = QUIET | {"curvature_noise": 0.002, "curvature_noise_floor": 0.005}

@@ -10,7 +10,9 @@ from scipy.stats import norm
 
 from bayesdeg.criticism.holdout.gain import crps, gain_table, mode_table
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.observations.curvature import CURVATURE
+from bayesdeg.observations.curvature import CURVATURE, Curvature
+from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.observations.tensile import Tensile
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import altered, small_model, values_of
 
@@ -57,7 +59,9 @@ def test_crps_of_many_readings_at_once():
 def subject_of(readings, *, with_angle=False):
     """Six actuators with these readings (6, n), and films that are never held out."""
     model = tight_model(with_angle=with_angle)
-    return model.with_readings(readings)
+    return model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(readings), model.base)
+    )
 
 
 def made_up(log_density, mean, subject, sd=0.1, seed=1):
@@ -70,7 +74,12 @@ def made_up(log_density, mean, subject, sd=0.1, seed=1):
 
 
 def test_table_of_scores_by_hand():
-    mean = tight_model().curvature(values_of()).curvature[0]
+    mean = (
+        tight_model()
+        .data_of(Curvature)
+        .predicted(tight_model().tests(values_of()))
+        .prediction.curvature[0]
+    )
     subject = subject_of(mean)
     base = made_up([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], mean.ravel() + 0.3, subject)
     better = made_up([2.0, 2.0, 5.0, 5.0, 8.0, 8.0], mean.ravel(), subject)
@@ -103,7 +112,7 @@ def test_a_specimen_that_neither_model_answers_leaves_the_gain_unknown():
 
 
 def test_coverage_counts_readings_inside_the_interval():
-    shape = tight_model().actuator.mask.shape
+    shape = tight_model().data_of(Curvature).tests.mask.shape
     inside = np.where(np.arange(shape[1]) < 2, 0.0, 5.0)  # 2 of 8 readings of each specimen
     subject = subject_of(np.broadcast_to(inside, shape) + 10.0)
     table = gain_table(subject, {"base": made_up(np.zeros(6), 10.0, subject, sd=1.0)})
@@ -114,7 +123,7 @@ def test_coverage_counts_readings_inside_the_interval():
 
 def test_bend_angles_are_in_the_density_and_not_in_the_errors_of_curvatures():
     model = tight_model(with_angle=True)
-    mean = model.predict(values_of()).mean[0]
+    mean = model.data_of(Curvature).predicted(model.tests(values_of())).mean[0]
     subject = subject_of(mean, with_angle=True)
     held = subject.group != ""
     off = np.where(subject.places.kind[held] == CURVATURE, 0.2, 50.0)
@@ -137,7 +146,7 @@ def test_gaps_in_a_curve_are_not_scored():
 def test_stresses_of_films_alone_are_scored_in_their_own_unit():
     """By mode of tension, of which there are no levels of degradation to tell apart."""
     model = altered(small_model(), actuator=None, forward=None)
-    tensile = replace(model.tensile, degradation=np.zeros(4))
+    tensile = replace(model.data_of(Tensile).tests, degradation=np.zeros(4))
     subject = altered(model, tensile=tensile)
     found = made_up([1.0, 2.0, 3.0], subject.observed + 0.05, subject, sd=0.01)
     table = gain_table(subject, {"base": found})
@@ -154,7 +163,7 @@ def test_stresses_of_films_alone_are_scored_in_their_own_unit():
 
 def test_modes_of_tension_are_scored_one_by_one():
     model = altered(small_model(), actuator=None, forward=None)
-    subject = altered(model, tensile=replace(model.tensile, degradation=np.zeros(4)))
+    subject = altered(model, tensile=replace(model.data_of(Tensile).tests, degradation=np.zeros(4)))
     assert subject.holds_out_modes
     modes = np.array(subject.groups)
     off = np.select([subject.group == mode for mode in modes], [0.1, 0.2, 0.3])

@@ -23,6 +23,8 @@ from bayesdeg.criticism.holdout.held_out import (
 from bayesdeg.criticism.holdout.leaving_out import run_folds
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.priors import LogNormal, Normal, TruncatedNormal, with_priors
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import tight_model, with_known_scatter
@@ -253,7 +255,16 @@ def base_of(model, start, seed=0):
 def actuators():
     """Six like specimens with every data set but their readings known from the truth."""
     model = with_known_scatter(altered(tight_model(with_angle=True), breaks=None))
-    model = model.with_readings(model.simulate(values_of(), np.random.default_rng(2))[0])
+    model = model.with_observations(
+        *data_of_actuators(
+            model.data_of(Curvature).tests.with_readings(
+                model.data_of(Curvature).drawn(model.tests(values_of()), np.random.default_rng(2))[
+                    0
+                ]
+            ),
+            model.base,
+        )
+    )
     start = draws_near_truth(model, 1, spread=0.0)[0]
     return model, start, in_thirds(model, start)
 
@@ -278,9 +289,14 @@ def test_held_out_actuators_of_a_true_model_are_predicted(actuators):
 def test_bend_angles_of_a_specimen_change_its_own_score(actuators):
     """By 30 %, beside the same curvatures; others of its fold are predicted as before."""
     model, start, before = actuators
-    readings = model.actuator.readings.copy()
-    readings[0, model.actuator.mask.shape[1] :] *= 1.3
-    after = in_thirds(model.with_readings(readings), start)
+    readings = model.data_of(Curvature).tests.readings.copy()
+    readings[0, model.data_of(Curvature).tests.mask.shape[1] :] *= 1.3
+    after = in_thirds(
+        model.with_observations(
+            *data_of_actuators(model.data_of(Curvature).tests.with_readings(readings), model.base)
+        ),
+        start,
+    )
     assert after.log_density[0] < before.log_density[0] - 5.0
     # neither calibration knows them: what differs is Monte Carlo error
     np.testing.assert_allclose(after.log_density[[2, 4]], before.log_density[[2, 4]], atol=1.0)

@@ -214,7 +214,7 @@ def test_torn_films_are_predicted_as_by_quadrature():
 def test_refits_of_torn_films_are_those_of_quadrature(reached):
     torn = Torn()
     draws = torn.chain(8000, np.random.default_rng(2)).vectors.reshape(8000, -1)
-    for row, name in enumerate(torn.model.breaks.specimens):
+    for row, name in enumerate(torn.model.data_of(Breaks).table.specimens):
         refit = predict_left_out(
             *(torn.model, name, draws, np.zeros(8000)),
             effective=8000.0,

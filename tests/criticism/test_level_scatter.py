@@ -10,6 +10,8 @@ from scipy.stats import multivariate_normal
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.level_scatter import CLEAR, within_levels
 from bayesdeg.criticism.fit.linear import Whitening, columns_of, linearise, with_neutral
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import altered, small_model, values_of
 
@@ -25,21 +27,24 @@ def model(copies=COPIES):
     count = copies * len(LEVELS)
     shape = (count, POINTS)
     data = replace(
-        base.actuator,
+        base.data_of(Curvature).tests,
         specimens=tuple(f"a{k:02d}" for k in range(count)),
         degradation=np.repeat(LEVELS, copies)[:, None],
         degradation_sd=np.zeros((count, 1)),
         batch=(np.arange(count) % 3 == 1)[:, None].astype(np.int64),
         pressure=np.tile(np.linspace(20.0, 160.0, POINTS), (count, 1)),
         **{
-            name: np.resize(getattr(base.actuator, name), shape)
+            name: np.resize(getattr(base.data_of(Curvature).tests, name), shape)
             for name in ("curvature", "curvature_sd", "angle_sd", "mask", "bend_angle")
         },
         **{
-            name: np.resize(getattr(base.actuator, name), shape)
+            name: np.resize(getattr(base.data_of(Curvature).tests, name), shape)
             for name in ("angle_mask", "recorded", "ruptured", "cycle", "branch", "time")
         },
-        **{name: np.resize(getattr(base.actuator, name), shape) for name in ("humidity", "mount")},
+        **{
+            name: np.resize(getattr(base.data_of(Curvature).tests, name), shape)
+            for name in ("humidity", "mount")
+        },
     )
     return altered(base, actuator=data)
 
@@ -64,13 +69,27 @@ def fitted(seed, *, shared, own=OWN, copies=COPIES, causes=(), batch=0.0):
     level = np.repeat(np.arange(len(LEVELS)), copies)
     deviation = shared * generator.standard_normal(len(LEVELS))[level]
     deviation = deviation + own * generator.standard_normal(len(level))
-    deviation = deviation + batch * (base.actuator.batch[:, 0] - 1.0 / 3.0)
+    deviation = deviation + batch * (base.data_of(Curvature).tests.batch[:, 0] - 1.0 / 3.0)
     errors = np.linalg.cholesky(base.scatter(mode_of(base, 1e-6)))
     [mean] = base.expected(mode[None])
     # curves are linearised where they were read
-    slope = base.with_readings(mean.reshape(len(level), POINTS)).deviations(mode).slope
+    slope = (
+        base.with_observations(
+            *data_of_actuators(
+                base.data_of(Curvature).tests.with_readings(mean.reshape(len(level), POINTS)),
+                base.base,
+            )
+        )
+        .deviations(mode)
+        .slope
+    )
     observed = mean + slope @ deviation + errors @ generator.standard_normal(len(mean))
-    subject = base.with_readings(observed.reshape(len(level), POINTS))
+    subject = base.with_observations(
+        *data_of_actuators(
+            base.data_of(Curvature).tests.with_readings(observed.reshape(len(level), POINTS)),
+            base.base,
+        )
+    )
     tried = [mode_of(base, scatter) for scatter in np.geomspace(0.01, 0.5, 30)]
     mode = max(tried, key=partial(log_density, subject))
     if causes:
@@ -131,7 +150,11 @@ def test_scatter_of_an_active_cause_is_not_touched():
 def test_batches_across_levels_deviate_together_too():
     linear, uncertain = fitted(3, shared=0.0, own=OWN, batch=0.3)
     assert scatter_of(linear) > 3.0 * OWN
-    blind = linear.subject.of_actuators(replace(linear.subject.actuator, batch=None))
+    blind = linear.subject.with_observations(
+        *data_of_actuators(
+            replace(linear.subject.data_of(Curvature).tests, batch=None), linear.subject.base
+        )
+    )
     same = linearise(blind, linear.mode, uncertain=uncertain, centre=linear.mode)
     assert within_levels(same, uncertain, same.mode) is same
     assert scatter_of(within_levels(linear, uncertain, linear.mode)) < 2.5 * OWN
@@ -139,9 +162,11 @@ def test_batches_across_levels_deviate_together_too():
 
 def test_warmth_is_looked_at_where_it_was_recorded():
     linear, uncertain = fitted(4, shared=0.0, own=OWN, batch=0.3)
-    warm = np.where(linear.subject.actuator.batch == 0, 20.0, 27.0)
-    tests = replace(linear.subject.actuator, batch=None, temperature=warm * np.ones(POINTS))
-    subject = linear.subject.of_actuators(tests)
+    warm = np.where(linear.subject.data_of(Curvature).tests.batch == 0, 20.0, 27.0)
+    tests = replace(
+        linear.subject.data_of(Curvature).tests, batch=None, temperature=warm * np.ones(POINTS)
+    )
+    subject = linear.subject.with_observations(*data_of_actuators(tests, linear.subject.base))
     same = linearise(subject, linear.mode, uncertain=uncertain, centre=linear.mode)
     assert scatter_of(within_levels(same, uncertain, same.mode)) < 2.5 * OWN
 

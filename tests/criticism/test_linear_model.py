@@ -25,7 +25,8 @@ from bayesdeg.criticism.fit.linear import (
 from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
-from bayesdeg.observations.curvature import CURVATURE
+from bayesdeg.observations.curvature import CURVATURE, Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal, with_priors
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import (
@@ -139,8 +140,14 @@ def test_a_conflict_with_the_films_is_no_larger_where_readings_are_exact():
         name: np.array([size])
         for name, size in {**careful, "film_mismatch.log_ratio": -0.15}.items()
     }
-    softer = model.extended(cause).simulate(hidden, np.random.default_rng(4))[0]
-    read = model.with_readings(softer)
+    softer = (
+        model.extended(cause)
+        .data_of(Curvature)
+        .drawn(model.extended(cause).tests(hidden), np.random.default_rng(4))[0]
+    )
+    read = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(softer), model.base)
+    )
     start = model.table.vectors({name: hidden[name] for name in model.table.names})[0]
     mode = approximate(read, np.random.default_rng(0), start=start).mode
     linear = linearise(read, mode)
@@ -345,8 +352,12 @@ def test_neutral_vector_keeps_the_base_and_predicts_the_same():
     longer = with_neutral(vector, model, extended)
     assert longer.shape == (len(vector) + 1,)
     np.testing.assert_array_equal(
-        extended.curvature(extended.table.named(longer[None])).curvature,
-        model.curvature(model.table.named(vector[None])).curvature,
+        extended.data_of(Curvature)
+        .predicted(extended.tests(extended.table.named(longer[None])))
+        .prediction.curvature,
+        model.data_of(Curvature)
+        .predicted(model.tests(model.table.named(vector[None])))
+        .prediction.curvature,
     )
 
 

@@ -7,10 +7,11 @@ import pytest
 from scipy import stats
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE, Curvature
 from bayesdeg.observations.kinds import Places
-from bayesdeg.observations.means import Statistic
-from bayesdeg.observations.tensile import FILM, STRESS
+from bayesdeg.observations.means import Means, Statistic
+from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.observations.tensile import FILM, STRESS, Tensile
 from tests.criticism.linear_case import noise_correlation_by_hand, tight_model
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
 
@@ -28,12 +29,16 @@ def vectors(subject):
 def films_alone(modes=None):
     model = altered(small_model(), actuator=None, forward=None)
     if modes is not None:
-        model = altered(model, tensile=replace(model.tensile, modes=modes))
+        model = altered(model, tensile=replace(model.data_of(Tensile).tests, modes=modes))
     return model
 
 
 def test_films_come_first_then_curvatures_then_bend_angles_of_the_actuators(subject):
-    data, films, places = subject.actuator, subject.tensile, subject.places
+    data, films, places = (
+        subject.data_of(Curvature).tests,
+        subject.data_of(Tensile).tests,
+        subject.places,
+    )
     count = len(places)
     assert count == films.mask.sum() + data.mask.sum() + data.angle_mask.sum()
     assert all(getattr(places, f.name).shape == (count,) for f in fields(Places))
@@ -49,7 +54,7 @@ def test_films_come_first_then_curvatures_then_bend_angles_of_the_actuators(subj
 
 def test_every_reading_knows_where_it_was_taken(subject):
     """Found again in the tables by specimen and path."""
-    data, films = subject.actuator, subject.tensile
+    data, films = subject.data_of(Curvature).tests, subject.data_of(Tensile).tests
     of_kind = {CURVATURE: data.curvature, ANGLE: data.bend_angle, STRESS: films.stress}
     places = subject.places
     for i in range(len(places)):
@@ -67,7 +72,7 @@ def test_history_is_mode_of_tension_or_branch_cycle_and_mount(subject):
     assert set(places.history[films]) == {"uniaxial", "equibiaxial", "planar"}
     assert set(places.history[~films]) == {"loading 1 horizontal"}
     assert np.all(np.isnan(places.time))
-    data = subject.actuator
+    data = subject.data_of(Curvature).tests
     branch, cycle = data.branch.astype("U9"), data.cycle.copy()
     branch[0, 3:], cycle[1] = "unloading", 2
     time = np.arange(35.0).reshape(5, 7)
@@ -85,10 +90,14 @@ def test_history_is_mode_of_tension_or_branch_cycle_and_mount(subject):
 def test_expected_readings_are_those_of_mean_specimens(subject, vectors):
     found = subject.expected(vectors)
     values = subject.table.named(vectors)
-    data, films, kind = subject.actuator, subject.tensile, subject.places.kind
-    predicted = subject.curvature(values).curvature
+    data, films, kind = (
+        subject.data_of(Curvature).tests,
+        subject.data_of(Tensile).tests,
+        subject.places.kind,
+    )
+    predicted = subject.data_of(Curvature).predicted(subject.tests(values)).prediction.curvature
     np.testing.assert_allclose(found[:, kind == CURVATURE], predicted[:, data.mask], rtol=1e-12)
-    constants = subject.constants(values, films.degradation)
+    constants = subject.world.constants(values, films.degradation)
     stress = np.matmul(films.basis, constants[..., None])[..., 0]
     np.testing.assert_allclose(found[:, kind == STRESS], stress[:, films.mask], rtol=1e-9)
 
@@ -99,14 +108,21 @@ def test_scatter_is_that_of_errors_and_stiffness():
     vector = model.table.vectors(values_of())[0]
     values = model.table.named(vector[None])
     # deviations are most probable at 0 where the readings are as predicted
-    model = model.with_readings(model.predict(values).mean[0])
+    model = model.with_observations(
+        *data_of_actuators(
+            model.data_of(Curvature).tests.with_readings(
+                model.data_of(Curvature).predicted(model.tests(values)).mean[0]
+            ),
+            model.base,
+        )
+    )
     covariance = model.scatter(vector)
-    predicted = model.predict(values)
+    predicted = model.data_of(Curvature).predicted(model.tests(values))
     sd, slope = np.sqrt(predicted.variance[0]), predicted.slope[0]
     correlation = noise_correlation_by_hand(model, values)
-    own = correlation * np.outer(sd[2], sd[2]) + model.deviation_sd(values)[0, 2, 0] ** 2 * (
-        np.outer(slope[2], slope[2])
-    )
+    own = correlation * np.outer(sd[2], sd[2]) + model.data_of(Curvature).deviation_sd(
+        model.tests(values)
+    )[0, 2, 0] ** 2 * (np.outer(slope[2], slope[2]))
     np.testing.assert_allclose(covariance[16:24, 16:24], own, rtol=1e-9)
     assert not np.any(covariance[16:24, :16])
 
@@ -120,11 +136,20 @@ def test_simulated_readings_have_the_scatter_that_is_stated(family):
     vector = model.table.vectors(values_of(truth))[0]
     # noise alone depends on where deviations are linearised, that is on the readings
     exact = subject.expected(vector[None])[0]
-    stress = np.zeros(model.tensile.stress.shape)
-    stress[model.tensile.mask] = exact[subject.places.family == FILM]
-    shaped = np.zeros(model.actuator.readings.shape)
-    shaped[model.actuator.paths.mask] = exact[subject.places.family == ACTUATOR]
-    model = altered(model, tensile=replace(model.tensile, stress=stress)).with_readings(shaped)
+    stress = np.zeros(model.data_of(Tensile).tests.stress.shape)
+    stress[model.data_of(Tensile).tests.mask] = exact[subject.places.family == FILM]
+    shaped = np.zeros(model.data_of(Curvature).tests.readings.shape)
+    shaped[model.data_of(Curvature).tests.paths.mask] = exact[subject.places.family == ACTUATOR]
+    model = altered(
+        model, tensile=replace(model.data_of(Tensile).tests, stress=stress)
+    ).with_observations(
+        *data_of_actuators(
+            altered(model, tensile=replace(model.data_of(Tensile).tests, stress=stress))
+            .data_of(Curvature)
+            .tests.with_readings(shaped),
+            altered(model, tensile=replace(model.data_of(Tensile).tests, stress=stress)).base,
+        )
+    )
     subject = model
     drawn = subject.simulated(np.tile(vector, (4000, 1)), np.random.default_rng(1))
     assert drawn.shape == (4000, len(subject.places))
@@ -178,7 +203,7 @@ def test_films_beside_actuators_are_held_out_where_that_is_wanted(subject, vecto
     np.testing.assert_allclose(films.group_density(vectors), each)
     without = films.without(np.array([2]))
     assert without.groups == ("f1", "f2", "f4")
-    assert without.actuator.specimens == subject.groups
+    assert without.data_of(Curvature).tests.specimens == subject.groups
     change = films.log_prob(vectors) - without.log_prob(vectors)
     np.testing.assert_allclose(change, each[:, 2], rtol=1e-6)
     assert altered(films, tensile=None).groups == ()
@@ -197,7 +222,7 @@ def test_means_of_replicates_are_held_out_where_that_is_wanted(subject, vectors)
     exact = stats.t(3.0, ratio, 0.03).logpdf(0.62)
     np.testing.assert_allclose(means.group_density(vectors)[:, 0], exact)
     without = means.without(np.array([0]))
-    assert without.statistics == (modulus,)
+    assert without.data_of(Means).statistics == (modulus,)
     np.testing.assert_allclose(
         means.log_prob(vectors) - without.log_prob(vectors), exact, rtol=1e-6
     )
@@ -209,9 +234,9 @@ def test_films_alone_are_held_out_by_mode_where_there_are_several():
     assert subject.groups == ("uniaxial", "equibiaxial", "planar")
     np.testing.assert_array_equal(subject.group, subject.places.history)
     without = subject.without(np.array([0]))
-    assert without.tensile.specimens == ("f3", "f4")
+    assert without.data_of(Tensile).tests.specimens == ("f3", "f4")
     only = subject.only(np.array([0]))
-    assert only.tensile.specimens == ("f1", "f2")
+    assert only.data_of(Tensile).tests.specimens == ("f1", "f2")
     # groups stay what they are, though one mode is left
     assert only.groups == ("uniaxial",)
     assert set(only.group) == {"uniaxial"}
@@ -227,7 +252,7 @@ def test_films_of_one_mode_are_held_out_one_by_one():
     subject = films_alone(4 * ("uniaxial",))
     assert subject.groups == ("f1", "f2", "f3", "f4")
     np.testing.assert_array_equal(subject.group, subject.places.specimen)
-    assert subject.without(np.array([2])).tensile.specimens == ("f1", "f2", "f4")
+    assert subject.without(np.array([2])).data_of(Tensile).tests.specimens == ("f1", "f2", "f4")
 
 
 def test_an_extended_model_has_the_same_readings_and_further_parameters(subject):
@@ -239,7 +264,7 @@ def test_an_extended_model_has_the_same_readings_and_further_parameters(subject)
 
 
 def test_ruptures_count_in_the_density_of_their_specimen(subject, vectors):
-    data = subject.actuator
+    data = subject.data_of(Curvature).tests
     burst = np.zeros(data.ruptured.shape, bool)
     burst[2, 6] = True
     broken = altered(subject, actuator=replace(data, ruptured=burst))

@@ -19,7 +19,7 @@ from bayesdeg.inference.laplace import Laplace, approximate, evidence
 from bayesdeg.inference.model import JointModel, without
 from bayesdeg.material.degradation import NODES
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.means import Statistic
+from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.observations.specimens import (
     STIFFNESS_SCATTER,
     FilmsAndActuators,
@@ -129,10 +129,12 @@ def test_held_out_films_are_those_of_posteriors_without_them(of_bent):
 @pytest.mark.slow
 def test_a_film_with_a_heavy_tail_of_weights_is_calibrated_anew():
     model = films_model(bent, seed=7, levels=np.repeat([0.0, 12.0, 25.0], 2))
-    assert model.tensile is not None
-    stress = model.tensile.stress.copy()
+    assert model.of_kind(Tensile)
+    stress = model.data_of(Tensile).tests.stress.copy()
     stress[2] *= 1.6  # one film far from its neighbour
-    films = films_alone(altered(model, tensile=replace(model.tensile, stress=stress)), NODES[2])
+    films = films_alone(
+        altered(model, tensile=replace(model.data_of(Tensile).tests, stress=stress)), NODES[2]
+    )
     generator = np.random.default_rng(8)
     rough = evidence(films, approximate(films, generator), generator)
     posterior_draws = improved(films, rough, generator)
@@ -159,7 +161,7 @@ def test_films_alone_keep_priors_and_leave_everything_else():
     assert laws["c1_at_0"] == own
     assert not any("control" in name for name in laws)
     assert {"stiffness_scatter", "tensile_noise", "tensile_noise_length"} <= set(laws)
-    assert [s.quantity for s in films.statistics] == ["young_modulus"]
+    assert [s.quantity for s in films.data_of(Means).statistics] == ["young_modulus"]
 
 
 def test_there_is_nothing_to_compare_without_films_at_several_rates():

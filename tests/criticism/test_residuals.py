@@ -17,7 +17,9 @@ from bayesdeg.criticism.checks.residuals import (
 )
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.material.degradation import levels
-from bayesdeg.observations.curvature import CURVATURE
+from bayesdeg.observations.curvature import CURVATURE, Curvature
+from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.observations.tensile import Tensile, median_stresses
 from tests.criticism.linear_case import constant_chain, known_linear, tight_model
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
@@ -68,9 +70,16 @@ def test_levels_do_not_depend_on_the_order_of_the_specimens():
 def model():
     """Readings that are 12 % below the prediction at the third of highest pressures, at 24 %."""
     base = tight_model()
-    truth = base.curvature(values_of()).curvature[0]
-    low = (base.actuator.pressure > 115.0) & (base.actuator.degradation > 20.0)
-    return base.with_readings(np.where(low, 0.88 * truth, truth)), truth
+    truth = base.data_of(Curvature).predicted(base.tests(values_of())).prediction.curvature[0]
+    low = (base.data_of(Curvature).tests.pressure > 115.0) & (
+        base.data_of(Curvature).tests.degradation > 20.0
+    )
+    return base.with_observations(
+        *data_of_actuators(
+            base.data_of(Curvature).tests.with_readings(np.where(low, 0.88 * truth, truth)),
+            base.base,
+        )
+    ), truth
 
 
 def test_levels_table_gives_r_squared_beside_the_published(model):
@@ -83,7 +92,7 @@ def test_levels_table_gives_r_squared_beside_the_published(model):
     assert table.loc["0", "published_r_squared"] == 0.984
     assert table.loc["24", "published_r_squared"] == 0.861
     assert np.isnan(table.loc["10", "published_r_squared"])
-    measured = study.actuator.curvature[4:]
+    measured = study.data_of(Curvature).tests.curvature[4:]
     residual = measured - truth[4:]
     assert table.loc["24", "rms_per_m"] == pytest.approx(np.sqrt(np.mean(residual**2)))
     assert table.loc["24", "r_squared"] == pytest.approx(
@@ -93,7 +102,7 @@ def test_levels_table_gives_r_squared_beside_the_published(model):
 
 def test_where_names_pressures_rates_and_specimens(model):
     study, truth = model
-    found = where(study, study.actuator.curvature - truth, 0.01)
+    found = where(study, study.data_of(Curvature).tests.curvature - truth, 0.01)
     assert found.excess == pytest.approx(-0.04)
     assert found.pressures == (140.0, 160.0)
     assert found.levels == pytest.approx((24.0,), abs=0.5)
@@ -103,7 +112,15 @@ def test_where_names_pressures_rates_and_specimens(model):
 
 def test_where_says_above_and_every_rate(model):
     study, truth = model
-    found = where(study.with_readings(1.1 * truth), 0.1 * truth, 0.01)
+    found = where(
+        study.with_observations(
+            *data_of_actuators(
+                study.data_of(Curvature).tests.with_readings(1.1 * truth), study.base
+            )
+        ),
+        0.1 * truth,
+        0.01,
+    )
     assert found.excess == pytest.approx(0.1)
     assert found.everywhere
     assert len(found.levels) == 3
@@ -113,7 +130,10 @@ def test_where_says_above_and_every_rate(model):
 def test_small_curvatures_do_not_make_large_percentages(model):
     """Residuals of the size of the noise are set in proportion to the noise at least."""
     study, truth = model
-    tiny = altered(study, actuator=replace(study.actuator, curvature=np.full(truth.shape, 1e-9)))
+    tiny = altered(
+        study,
+        actuator=replace(study.data_of(Curvature).tests, curvature=np.full(truth.shape, 1e-9)),
+    )
     assert where(tiny, np.full(truth.shape, 1e-9), 1.0).excess == pytest.approx(0.0, abs=1e-6)
 
 
@@ -126,7 +146,9 @@ def test_predicted_readings_hold_nine_tenths_of_further_specimens(with_angle):
     fit = predict_readings(model, chain, generator, draws=2000)
     curvatures = linear.mean[linear.subject.places.kind == CURVATURE]
     np.testing.assert_allclose(fit.mean.ravel(), curvatures, rtol=1e-9)
-    further = model.simulate_curvature(values_of(TRUTH, 2000), generator)
+    further = model.data_of(Curvature).drawn(model.tests(values_of(TRUTH, 2000)), generator)[
+        ..., : model.data_of(Curvature).tests.pressure.shape[1]
+    ]
     inside = np.mean((further >= fit.low) & (further <= fit.high))
     assert inside == pytest.approx(0.9, abs=0.02)
 
@@ -150,15 +172,17 @@ def off_by(**modes):
     """Films whose stresses are these amounts [MPa] off what the law gives."""
     model = altered(small_model(), actuator=None, forward=None)
     mode = model.table.vectors(values_of())[0]
-    stress = model.stresses(model.table.named(mode[None]), model.tensile).at_rest[0]
-    off = np.array([modes.get(name, 0.0) for name in model.tensile.modes])
-    curves = replace(model.tensile, stress=stress + off[:, None])
+    stress = median_stresses(
+        model.tests(model.table.named(mode[None])), model.data_of(Tensile).tests
+    ).at_rest[0]
+    off = np.array([modes.get(name, 0.0) for name in model.data_of(Tensile).tests.modes])
+    curves = replace(model.data_of(Tensile).tests, stress=stress + off[:, None])
     return linearise(altered(model, tensile=curves), mode)
 
 
 def test_where_leaves_out_what_cannot_be_predicted(model):
     study, truth = model
-    residual = study.actuator.curvature - truth
+    residual = study.data_of(Curvature).tests.curvature - truth
     beyond = residual.copy()
     beyond[0] = np.nan
     known = replace(where(study, residual, 0.01), excess=-0.04 * 6 / 5)  # of a specimen less

@@ -9,6 +9,9 @@ from scipy.stats import kstest, norm
 from bayesdeg.criticism.checks import rupture_misfit as module
 from bayesdeg.criticism.checks.rupture_misfit import rupture_misfit
 from bayesdeg.inference.model import replicate
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import Means
+from bayesdeg.observations.rupture import data_of_actuators, strength_of
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import TRUTH, altered, values_of
 
@@ -24,7 +27,14 @@ def draws_of(model, truth, count):
 def model():
     """Readings as predicted, so that specimens are nearly of mean stiffness."""
     model = altered(tight_model(), tensile=None)
-    return model.with_readings(model.predict(values_of()).mean[0])
+    return model.with_observations(
+        *data_of_actuators(
+            model.data_of(Curvature).tests.with_readings(
+                model.data_of(Curvature).predicted(model.tests(values_of())).mean[0]
+            ),
+            model.base,
+        )
+    )
 
 
 def test_nothing_is_compared_without_actuators_or_a_limit(model):
@@ -35,7 +45,9 @@ def test_nothing_is_compared_without_actuators_or_a_limit(model):
         model,
         base=parameters,
         breaks=None,
-        statistics=tuple(s for s in model.statistics if "elongation" not in s.quantity),
+        statistics=tuple(
+            s for s in model.data_of(Means).statistics if "elongation" not in s.quantity
+        ),
     )
     short = np.zeros((2, len(unlimited.table)))
     assert rupture_misfit(unlimited, short, generator) is None
@@ -43,15 +55,15 @@ def test_nothing_is_compared_without_actuators_or_a_limit(model):
 
 def test_deviance_is_that_of_the_law_of_the_limit(model):
     """By hand: five survive all that they demand, one bursts between its last two pressures."""
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     burst = np.zeros(data.ruptured.shape, bool)
     burst[1, -1] = True
     one_burst = altered(model, actuator=replace(data, ruptured=burst, mask=data.mask & ~burst))
     vectors = draws_of(model, WEAK, 3)
     found = rupture_misfit(one_burst, vectors, np.random.default_rng(2))
     values = model.table.named(vectors[:1])
-    stretch = model.curvature(values).peak_stretch[0]
-    strength = model.strength(values)
+    stretch = model.data_of(Curvature).predicted(model.tests(values)).prediction.peak_stretch[0]
+    strength = strength_of(model.tests(values), model.data_of(Curvature).tests)
     z = np.log((stretch - 1.0) / strength.median[0][:, None]) / strength.scatter[0][:, None]
     chance = norm.sf(z[:, -1])
     chance[1] = norm.cdf(z[1, -1]) - norm.cdf(z[1, -2])
@@ -78,7 +90,7 @@ def test_p_values_are_uniform_on_data_of_the_model(model):
 
 def test_ruptures_far_below_the_limit_are_no_chance(model):
     """Strong films, and yet every actuator bursts at its third pressure."""
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     burst = np.zeros(data.ruptured.shape, bool)
     burst[:, 2] = True
     before = np.arange(data.mask.shape[1]) < 2

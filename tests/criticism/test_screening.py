@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.linear import columns_of, effects, neutral_sizes, with_neutral
 from bayesdeg.criticism.fit.screening import screen
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.priors import Normal, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import known_linear, scaling_cause, with_readings
@@ -166,11 +167,13 @@ def test_an_effect_that_also_widens_the_errors_is_screened_as_by_quadrature(size
 def test_scatter_of_misread_degradation_is_screened_as_by_quadrature():
     """Of the catalogue's own cause: specimens of a level that differ more than they may."""
     known, cause = known_linear(), find("degradation_misread")
-    data = known.subject.actuator
+    data = known.subject.data_of(Curvature).tests
     shift = np.array([0.0, 0.0, 2.5, -2.5, -3.0, 3.0])
     off = replace(data, degradation=data.degradation + shift[:, None])
     moved = altered(known.subject, actuator=off)
-    readings = moved.predict(moved.table.named(known.mode[None])).mean[0]
+    readings = (
+        moved.data_of(Curvature).predicted(moved.tests(moved.table.named(known.mode[None]))).mean[0]
+    )
     case = with_readings(known, readings)
     found = screen(case, cause)
     assert found.log_bayes_factor > np.log(20.0)

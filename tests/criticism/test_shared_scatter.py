@@ -11,6 +11,8 @@ from bayesdeg.criticism.checks.shared_scatter import SHARES, SharedScatter, shar
 from bayesdeg.criticism.fit.linear import columns_of, with_neutral
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.inference.laplace import weighted
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import altered, small_model, values_of
 
@@ -22,8 +24,10 @@ def trial_of(*causes, size=SCATTER):
     """Six actuators at three levels, read as the model's mean, with so much scatter added."""
     base = altered(tight_model(with_angle=True), tensile=None)
     start = base.table.vectors(values_of())[0]
-    [readings] = base.predict(base.table.named(start[None])).mean
-    base = base.with_readings(readings)
+    [readings] = base.data_of(Curvature).predicted(base.tests(base.table.named(start[None]))).mean
+    base = base.with_observations(
+        *data_of_actuators(base.data_of(Curvature).tests.with_readings(readings), base.base)
+    )
     subject = base.extended(*causes)
     mode = with_neutral(start, base, subject)
     if MISREAD in causes:
@@ -46,7 +50,7 @@ def added(trial):
     )
     more = trial.subject.scatter(trial.mode) - trial.subject.scatter(neutral)
     found = []
-    for name in trial.subject.actuator.specimens:
+    for name in trial.subject.data_of(Curvature).tests.specimens:
         own = trial.subject.places.specimen == name
         values, vectors = np.linalg.eigh(more * np.outer(own, own))
         direction = np.sqrt(values[-1]) * vectors[:, -1]
@@ -57,7 +61,7 @@ def added(trial):
 def covariance(trial, share):
     """That of the readings where specimens of a level have so much of their scatter in common."""
     linear, directions = trial.linear, added(trial)
-    level = trial.subject.actuator.degradation[:, 0]
+    level = trial.subject.data_of(Curvature).tests.degradation[:, 0]
     total = linear.factor @ linear.factor.T
     for k, one in enumerate(directions):
         for other, its in enumerate(directions):

@@ -20,7 +20,10 @@ from bayesdeg.criticism.checks.statistics import (
 )
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.readings import Formula, FormulaReadings, places_of
+from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.observations.tensile import Tensile, median_stresses
 from bayesdeg.priors import Normal, Parameter
 from tests.inference.small_study import altered, small_model, values_of
 
@@ -62,18 +65,29 @@ def rich_actuators(data, *, mounts=("horizontal", "hanging")):
 def fitted_exactly(model):
     """The model whose actuators read what it predicts, linearised at its parameters."""
     mode = model.table.vectors(values_of())[0]
-    if model.actuator is not None:
-        model = model.with_readings(model.predict(model.table.named(mode[None])).mean[0])
-    if model.tensile is not None:
-        stresses = model.stresses(model.table.named(mode[None]), model.tensile).at_rest[0]
-        model = altered(model, tensile=replace(model.tensile, stress=stresses))
+    if model.of_kind(Curvature):
+        model = model.with_observations(
+            *data_of_actuators(
+                model.data_of(Curvature).tests.with_readings(
+                    model.data_of(Curvature)
+                    .predicted(model.tests(model.table.named(mode[None])))
+                    .mean[0]
+                ),
+                model.base,
+            )
+        )
+    if model.of_kind(Tensile):
+        stresses = median_stresses(
+            model.tests(model.table.named(mode[None])), model.data_of(Tensile).tests
+        ).at_rest[0]
+        model = altered(model, tensile=replace(model.data_of(Tensile).tests, stress=stresses))
     return linearise(model, mode)
 
 
 @cache
 def rich():
     model = small_model()
-    return fitted_exactly(altered(model, actuator=rich_actuators(model.actuator)))
+    return fitted_exactly(altered(model, actuator=rich_actuators(model.data_of(Curvature).tests)))
 
 
 @cache
@@ -93,7 +107,7 @@ class Read:
     def __init__(self, subject, observed):
         self.subject = getattr(subject, "subject", subject)
         self.places, self.observed = subject.places, observed
-        self.degrades = self.subject.degrades
+        self.degrades = self.subject.world.degrades
 
 
 def reading(linear, readings):
@@ -267,7 +281,9 @@ def at_other_pressures(change):
     """Readings of the full model where the true pressures are those read and this more [kPa]."""
     linear = rich()
     model = linear.subject
-    moved = replace(model.actuator, pressure=model.actuator.pressure + change)
+    moved = replace(
+        model.data_of(Curvature).tests, pressure=model.data_of(Curvature).tests.pressure + change
+    )
     subject = altered(model, actuator=moved)
     return linear.mean + subject.expected(linear.mode[None])[0] - linear.prediction
 
@@ -389,7 +405,7 @@ def test_films_alone_have_no_statistics_of_actuators():
 
 def test_the_reading_says_where_time_and_pressure_cannot_be_told_apart():
     model = small_model()
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     steady = replace(data, time=3.0 * data.pressure)
     rising = statistics_of(fitted_exactly(altered(model, actuator=steady)))
     (together,) = (s for s in rising if s.name == TIME)

@@ -24,6 +24,8 @@ from bayesdeg.criticism.checks.suspects import (
     t_between,
 )
 from bayesdeg.inference.laplace import find_mode
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.tensile import Tensile
 from tests.criticism.linear_case import tight_model
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
@@ -35,7 +37,7 @@ RATES = np.repeat(np.arange(0.0, 26.0, 5.0), 3)[:, None]
 def whole_study(generator):
     """Eighteen actuators at six rates, drawn from the model at known values."""
     base = altered(tight_model(with_angle=True), tensile=None)
-    curves = base.actuator
+    curves = base.data_of(Curvature).tests
     rows = np.zeros(SPECIMENS, dtype=np.int64)
     many = curves.subset(rows)
     many = replace(
@@ -44,9 +46,16 @@ def whole_study(generator):
         degradation=RATES,
         degradation_sd=np.full_like(RATES, 0.3),
     )
-    model = base.of_actuators(many)
+    model = base.with_observations(*data_of_actuators(many, base.base))
     values = model.table.named(model.table.vectors(values_of()))
-    return model.with_readings(model.simulate(values, generator)[0]), values
+    return model.with_observations(
+        *data_of_actuators(
+            model.data_of(Curvature).tests.with_readings(
+                model.data_of(Curvature).drawn(model.tests(values), generator)[0]
+            ),
+            model.base,
+        )
+    ), values
 
 
 @pytest.fixture(scope="module")
@@ -58,16 +67,20 @@ def study():
 def planted(study, specimen, change):
     """The study with the readings of a specimen changed, and its mode with and without it."""
     model, mode = study
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     row = data.specimens.index(specimen)
     readings = data.readings.copy()
     readings[row] = change(readings[row])
-    wrong = model.with_readings(readings)
+    wrong = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(readings), model.base)
+    )
 
     def refit(found):
         out = {name for one in found for name in one.hypothesis.specimens}
         keep = [k for k, name in enumerate(data.specimens) if name not in out]
-        rest = wrong.of_actuators(wrong.actuator.subset(np.array(keep)))
+        rest = wrong.with_observations(
+            *data_of_actuators(wrong.data_of(Curvature).tests.subset(np.array(keep)), wrong.base)
+        )
         return find_mode(rest, mode)[0]
 
     return wrong, find_mode(wrong, mode)[0], refit
@@ -245,7 +258,7 @@ def test_a_specimen_that_responds_otherwise_is_found_by_name(study, factor):
 
 
 def test_a_mistraced_picture_is_found_and_nothing_else(study):
-    points = study[0].actuator.pressure.shape[1]
+    points = study[0].data_of(Curvature).tests.pressure.shape[1]
 
     def mistraced(read):
         changed = read.copy()
@@ -254,7 +267,7 @@ def test_a_mistraced_picture_is_found_and_nothing_else(study):
 
     wrong, mode, refit = planted(study, "A15-2", mistraced)
     [found] = find_suspects(wrong, mode, refit)
-    place = wrong.actuator.pressure[0, points - 2]
+    place = wrong.data_of(Curvature).tests.pressure[0, points - 2]
     assert found.hypothesis.oddity is Anomaly.READING
     assert found.hypothesis.specimens == ("A15-2",)
     assert found.hypothesis.at == pytest.approx(place)
@@ -263,13 +276,20 @@ def test_a_mistraced_picture_is_found_and_nothing_else(study):
 
 def test_a_level_that_deviates_together_is_a_batch(study):
     model, mode = study
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     readings = data.readings.copy()
     readings[data.degradation[:, 0] == 10.0] *= 0.55
-    wrong = model.with_readings(readings)
+    wrong = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(readings), model.base)
+    )
     start = find_mode(wrong, mode)[0]
     keep = np.flatnonzero(data.degradation[:, 0] != 10.0)
-    rest = find_mode(wrong.of_actuators(wrong.actuator.subset(keep)), mode)[0]
+    rest = find_mode(
+        wrong.with_observations(
+            *data_of_actuators(wrong.data_of(Curvature).tests.subset(keep), wrong.base)
+        ),
+        mode,
+    )[0]
     found = find_suspects(wrong, start, lambda suspects: rest)
     named = {name for one in found for name in one.hypothesis.specimens}
     assert named == {"A10-0", "A10-1", "A10-2"}
@@ -278,19 +298,28 @@ def test_a_level_that_deviates_together_is_a_batch(study):
 def short_on_a_day(study, day, factor=0.93):
     """A study with lengths short on a day, its mode, and one without the specimens of that day."""
     model, mode = study
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     readings = data.readings.copy()
     of_day = np.isin(data.specimens, day)
     readings[of_day, : data.pressure.shape[1]] /= factor
-    wrong = model.with_readings(readings)
-    rest = find_mode(wrong.of_actuators(wrong.actuator.subset(np.flatnonzero(~of_day))), mode)[0]
+    wrong = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(readings), model.base)
+    )
+    rest = find_mode(
+        wrong.with_observations(
+            *data_of_actuators(
+                wrong.data_of(Curvature).tests.subset(np.flatnonzero(~of_day)), wrong.base
+            )
+        ),
+        mode,
+    )[0]
     return wrong, find_mode(wrong, mode)[0], rest
 
 
 @pytest.mark.parametrize("is_recorded", [True, False])
 def test_a_day_on_which_lengths_were_short_is_found(study, is_recorded):
     """By a column, or as the second specimens of all rates."""
-    day = tuple(name for name in study[0].actuator.specimens if name.endswith("-1"))
+    day = tuple(name for name in study[0].data_of(Curvature).tests.specimens if name.endswith("-1"))
     wrong, start, rest = short_on_a_day(study, day)
     [found] = find_suspects(wrong, start, lambda suspects: rest, [day] if is_recorded else [])
     assert set(found.hypothesis.specimens) == set(day)
@@ -309,11 +338,13 @@ def test_a_day_that_no_table_tells_is_found_by_its_sizes(study):
 def test_rounds_whose_lengths_scatter_are_no_days(study):
     """Lengths of specimens that differ by several errors of reading, in no order, accuse nobody."""
     model, mode = study
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     factor = np.exp(0.06 * np.random.default_rng(8).standard_normal(SPECIMENS))
     readings = data.readings.copy()
     readings[:, : data.pressure.shape[1]] *= factor[:, None]
-    wrong = model.with_readings(readings)
+    wrong = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(readings), model.base)
+    )
     known = hypotheses(wrong, mode)
     free = scored(parts_of(wrong, mode), known)
     free = suspects.Scored(free.observed, suspects._with_free_response(known, free))
@@ -359,7 +390,9 @@ def test_false_suspects_are_as_rare_as_stated(study):
 
 def test_few_specimens_accuse_nobody(study):
     model, mode = study
-    few = model.of_actuators(model.actuator.subset(np.array([0, 3, 6])))
+    few = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.subset(np.array([0, 3, 6])), model.base)
+    )
     known = hypotheses(few, mode)
     pool = pool_of(few, known)
     assert np.all(pool.p_values(np.full(len(known), 50.0)) == 1.0)

@@ -13,6 +13,7 @@ from bayesdeg.emulator.surrogate import OUTSIDE_BY
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import least_squares
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
 
 EMULATOR = default_surrogate()
@@ -99,17 +100,29 @@ def test_the_search_of_a_mode_finds_its_way_back_inside():
     soft = start.copy()
     soft[model.table.names.index("c1_at_0")] -= 0.4
     at = model.table.named(soft[None])
-    assert np.isnan(model.predict(at).prediction.curvature[:, model.actuator.mask]).any()
+    assert np.isnan(
+        model.data_of(Curvature)
+        .predicted(model.tests(at))
+        .prediction.curvature[:, model.data_of(Curvature).tests.mask]
+    ).any()
     assert np.isfinite(model.log_prob(soft[None])[0])
     # at the most probable deviations of the specimens, which bring them inside
-    assert model.range_excess(at).max() == 0.0
+    assert model.data_of(Curvature).range_excess(model.state(at)).max() == 0.0
     soft[model.table.names.index("c1_at_0")] -= 2.0
-    assert model.range_excess(model.table.named(soft[None])).max() > 1.0
+    assert (
+        model.data_of(Curvature).range_excess(model.state(model.table.named(soft[None]))).max()
+        > 1.0
+    )
     found, _ = find_mode(model, soft)
     assert model.log_prob(found[None])[0] == pytest.approx(model.log_prob(inside[None])[0], abs=0.1)
-    assert model.range_excess(model.table.named(found[None])).max() == 0.0
+    assert (
+        model.data_of(Curvature).range_excess(model.state(model.table.named(found[None]))).max()
+        == 0.0
+    )
     assert np.all(
         np.isfinite(
-            model.predict(model.table.named(found[None])).mean[:, model.actuator.paths.mask]
+            model.data_of(Curvature)
+            .predicted(model.tests(model.table.named(found[None])))
+            .mean[:, model.data_of(Curvature).tests.paths.mask]
         )
     )

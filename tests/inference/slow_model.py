@@ -6,6 +6,10 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
+from bayesdeg.observations.breaks import Breaks
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import Means
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 from tests.emulator.closed_form import BOX, LENGTH
 
@@ -149,11 +153,11 @@ def log_readings(residual, slopes, noise, spreads):
 
 
 def log_tensile(model, values):
-    data, out = model.tensile, []
+    data, out = model.data_of(Tensile).tests, []
     for s, mode in enumerate(data.modes):
         level = data.degradation[s]
-        c = constants_at(values, model.nodes, level)
-        c_slopes = constant_slopes_at(values, model.nodes, level)
+        c = constants_at(values, model.world.nodes, level)
+        c_slopes = constant_slopes_at(values, model.world.nodes, level)
         spreads = [values["stiffness_scatter"] ** 2, data.degradation_sd[s] ** 2]
         points = np.flatnonzero(data.mask[s])
         places = [(data.stretch[s, j], j) for j in points]
@@ -182,27 +186,29 @@ def log_tensile(model, values):
 
 def common_error(model, values, s, j):
     """g, the emulator's error in its own standard errors."""
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     return (
         values["emulator_error_level"] / math.sqrt(3.0)
         + values["emulator_error_pressure"]
-        * (2.0 * data.pressure[s, j] / model.largest_pressure - 1.0)
+        * (2.0 * data.pressure[s, j] / model.world.largest_pressure - 1.0)
         + values["emulator_error_degradation"]
-        * (2.0 * data.degradation[s, 0] / model.nodes[-1] - 1.0)
+        * (2.0 * data.degradation[s, 0] / model.world.nodes[-1] - 1.0)
     )
 
 
 def actuator_readings(model, values, s, m):
     """Mean, slope, sd, place and output of a specimen whose stiffness is e^m times the median."""
-    data = model.actuator
-    soft = [ci * math.exp(m) for ci in constants_at(values, model.nodes, data.degradation[s, 0])]
+    data = model.data_of(Curvature).tests
+    soft = [
+        ci * math.exp(m) for ci in constants_at(values, model.world.nodes, data.degradation[s, 0])
+    ]
     place = np.cumsum(np.abs(np.diff(np.concatenate([[0.0], data.pressure[s]]))))
     rows = []
     for output, mask in enumerate((data.mask[s], data.mask[s] & data.angle_mask[s])):
         for j in np.flatnonzero(mask):
             p, own = data.pressure[s, j], values["volume_ratio"]
             kappa, grown, angle, _ = mechanics(*soft, p, own, values["paper_stiffness"])
-            error = 1.0 + common_error(model, values, s, j) * model.forward.relative_error
+            error = 1.0 + common_error(model, values, s, j) * model.world.forward.relative_error
             growth = grown / (kappa * error)
             if output == 0:
                 floor = math.hypot(values["curvature_noise_floor"], data.curvature_sd[s, j])
@@ -218,8 +224,11 @@ def actuator_readings(model, values, s, m):
 
 def linearised_actuator(model, values, s, m):
     """Residual, slopes, noise and variance of the deviation, at the deviation m."""
-    level, sd = model.actuator.degradation[s, 0], model.actuator.degradation_sd[s, 0]
-    spread = deviation_variance(values, model.nodes, level, sd)
+    level, sd = (
+        model.data_of(Curvature).tests.degradation[s, 0],
+        model.data_of(Curvature).tests.degradation_sd[s, 0],
+    )
+    spread = deviation_variance(values, model.world.nodes, level, sd)
     mean, slope, sd, place, output, read = zip(*actuator_readings(model, values, s, m), strict=True)
     residual = [y - (f - J * m) for y, f, J in zip(read, mean, slope, strict=True)]
     noise = noise_covariance(
@@ -230,7 +239,7 @@ def linearised_actuator(model, values, s, m):
 
 def log_actuator(model, values):
     out = []
-    for s in range(len(model.actuator.specimens)):
+    for s in range(len(model.data_of(Curvature).tests.specimens)):
         m = most_probable(*linearised_actuator(model, values, s, 0.0))[0]
         out.append(log_readings(*linearised_actuator(model, values, s, m)))
     return out
@@ -238,12 +247,12 @@ def log_actuator(model, values):
 
 def log_rupture(model, values):
     """Bursting between two pressures, or surviving the largest: differences of normal laws."""
-    data, out = model.actuator, []
+    data, out = model.data_of(Curvature).tests, []
     for s in range(len(data.specimens)):
         level, sd = data.degradation[s, 0], data.degradation_sd[s, 0]
         spread = elongation_variance(model, values, level, sd)
         m = most_probable(*linearised_actuator(model, values, s, 0.0))[0]
-        soft = [ci * math.exp(m) for ci in constants_at(values, model.nodes, level)]
+        soft = [ci * math.exp(m) for ci in constants_at(values, model.world.nodes, level)]
         burst = list(np.flatnonzero(data.ruptured[s]))
         end = data.pressure[s, burst[0]] if burst else math.inf
         survived = [
@@ -255,7 +264,7 @@ def log_rupture(model, values):
         def score(p, soft=soft, spread=spread, level=level):
             stretch = mechanics(*soft, p, values["volume_ratio"], values["paper_stiffness"])[3]
             median = median_elongation(model, values, level) / 100.0
-            total = math.sqrt(spread + model.forward.relative_error**2)
+            total = math.sqrt(spread + model.world.forward.relative_error**2)
             return math.log((stretch - 1.0) / median) / total
 
         low = score(max(data.pressure[s, j] for j in survived)) if survived else -math.inf
@@ -266,8 +275,8 @@ def log_rupture(model, values):
 
 
 def median_elongation(model, values, degradation):
-    logs = [math.log(values[f"elongation_at_{suffix(n)}"]) for n in model.elongation_nodes]
-    return math.exp(interpolate(model.elongation_nodes, logs, degradation))
+    logs = [math.log(values[f"elongation_at_{suffix(n)}"]) for n in model.world.elongation_nodes]
+    return math.exp(interpolate(model.world.elongation_nodes, logs, degradation))
 
 
 def elongation_variance(model, values, degradation, sd):
@@ -278,7 +287,7 @@ def elongation_variance(model, values, degradation, sd):
 
 
 def log_breaks(model, values):
-    data = model.breaks
+    data = model.data_of(Breaks).table
     return [
         stats.lognorm(
             math.sqrt(elongation_variance(model, values, level, sd)),
@@ -293,12 +302,12 @@ def log_breaks(model, values):
 def young_modulus(model, values, level):
     """6 C1, and √3 r of the term r (√I₂ − √3) where its cause is active."""
     ratio = values.get("second_invariant.ratio", 0.0)
-    return (6.0 + math.sqrt(3.0) * ratio) * constants_at(values, model.nodes, level)[0]
+    return (6.0 + math.sqrt(3.0) * ratio) * constants_at(values, model.world.nodes, level)[0]
 
 
 def log_statistics(model, values):
     out = []
-    for s in model.statistics:
+    for s in model.data_of(Means).statistics:
         mean = {
             "young_modulus": lambda level: young_modulus(model, values, level),
             "elongation_at_break": lambda level: median_elongation(model, values, level),

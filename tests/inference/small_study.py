@@ -12,13 +12,16 @@ from bayesdeg.observations.curvature import (
     BEND_ANGLE,
     EMULATOR,
     ActuatorCurves,
+    Curvature,
     actuator_parameters,
 )
 from bayesdeg.observations.means import Means, Statistic
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.specimens import (
     STIFFNESS_SCATTER,
     FilmsAndActuators,
     elongation_parameters,
+    has_elongation,
     material_parameters,
     no_map,
 )
@@ -143,7 +146,7 @@ def altered(model, *, actuator=..., tensile=..., breaks=..., statistics=..., **c
     if actuator is None:
         model = model.without_kinds("actuator", "rupture")
     elif actuator is not ...:
-        model = model.of_actuators(actuator)
+        model = model.with_observations(*data_of_actuators(actuator, model.base))
     kinds = {"tensile": (Tensile, tensile), "breaks": (Breaks, breaks)}
     kinds["statistics"] = (Means, statistics)
     for name, (kind, data) in kinds.items():
@@ -151,9 +154,13 @@ def altered(model, *, actuator=..., tensile=..., breaks=..., statistics=..., **c
             model = model.without_kinds(name)
         elif data is not ...:
             model = model.with_observations(kind(data))
-    if not model.has_elongation:
+    if not has_elongation(model.base):
         return model.without_kinds("rupture")
-    return model if model.actuator is None else model.of_actuators(model.actuator)
+    return (
+        model
+        if not model.of_kind(Curvature)
+        else model.with_observations(*data_of_actuators(model.data_of(Curvature).tests, model.base))
+    )
 
 
 @cache
@@ -167,10 +174,10 @@ def small_model(forward=None):
         largest_pressure=140.0,
     )
     empty = JointModel(base_parameters(), (Tensile(tensile_curves()),), world)
-    empty = empty.of_actuators(actuator_curves())
+    empty = empty.with_observations(*data_of_actuators(actuator_curves(), empty.base))
     values = values_of()
-    tensile = empty.tensile
-    constants = empty.constants(values, tensile.degradation)[0]
+    tensile = empty.data_of(Tensile).tests
+    constants = empty.world.constants(values, tensile.degradation)[0]
     stress = np.matmul(tensile.basis, constants[..., None])[..., 0]
     stress = stress * np.exp(0.06 * generator.standard_normal((4, 1)))
     stress = stress * (1.0 + 0.03 * generator.standard_normal(stress.shape))
@@ -191,7 +198,24 @@ def small_model(forward=None):
         tensile=replace(tensile, stress=np.where(tensile.mask, stress, 0.0)),
         breaks=breaks,
         statistics=statistics,
-    ).with_readings(empty.simulate(values, generator)[0])
+    ).with_observations(
+        *data_of_actuators(
+            altered(
+                empty,
+                tensile=replace(tensile, stress=np.where(tensile.mask, stress, 0.0)),
+                breaks=breaks,
+                statistics=statistics,
+            )
+            .data_of(Curvature)
+            .tests.with_readings(empty.data_of(Curvature).drawn(empty.tests(values), generator)[0]),
+            altered(
+                empty,
+                tensile=replace(tensile, stress=np.where(tensile.mask, stress, 0.0)),
+                breaks=breaks,
+                statistics=statistics,
+            ).base,
+        )
+    )
 
 
 def draws_near_truth(model, count, *, spread=0.05, seed=0):

@@ -7,8 +7,10 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.inference.model import AT_ONCE
 from bayesdeg.observations import curvature as actuators
 from bayesdeg.observations import tensile as films
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.noise import LANES, Linearised
 from bayesdeg.observations.specimens import stiffness_spread
+from bayesdeg.observations.tensile import Tensile, median_stresses
 from tests.inference.path_filter import density_and_mode
 from tests.inference.small_study import draws_near_truth, small_model
 
@@ -34,7 +36,7 @@ def values(model):
 
 
 def linearised_film(model, values, median, deviation):
-    data = model.tensile
+    data = model.data_of(Tensile).tests
     stress, slope = films.film_readings(median, deviation)
     spread = np.empty(deviation.shape)
     spread[..., 0] = values["stiffness_scatter"][:, None] ** 2
@@ -51,21 +53,21 @@ def linearised_film(model, values, median, deviation):
 
 
 def test_films_are_linearised_three_times(model, values):
-    median = model.stresses(values, model.tensile)
+    median = median_stresses(model.tests(values), model.data_of(Tensile).tests)
     deviation = np.zeros((*median.at_rest.shape[:2], 2))
     for _ in range(3):
         at = linearised_film(model, values, median, deviation)
         density, deviation = density_and_mode(at)
-    got = films.log_density(model.tensile, values, median)
+    got = films.log_density(model.data_of(Tensile).tests, values, median)
     np.testing.assert_allclose(got, density, rtol=1e-11, atol=1e-11)
-    there = films.linearise_films(model.tensile, values, median)
+    there = films.linearise_films(model.data_of(Tensile).tests, values, median)
     np.testing.assert_allclose(density_and_mode(there)[0], density, rtol=1e-11, atol=1e-11)
 
 
 def test_actuators_are_linearised_twice(model, values):
-    state, data = model.tests(values), model.actuator
+    state, data = model.tests(values), model.data_of(Curvature).tests
     believed = actuators.estimated_degradation(state, data)
-    spread = stiffness_spread(values, model.material(values, believed.value), believed.sd)
+    spread = stiffness_spread(values, model.world.material(values, believed.value), believed.sd)
     mode = np.zeros((*spread.shape, 1))
     for _ in range(2):
         predicted = actuators.predict(state, data, mode)
@@ -84,13 +86,13 @@ def test_actuators_are_linearised_twice(model, values):
     np.testing.assert_allclose(
         prediction.peak_stretch, predicted.prediction.peak_stretch, rtol=1e-11
     )
-    there = density_and_mode(model.actuator_linearised(values))[0]
+    there = density_and_mode(model.data_of(Curvature).linearised(model.state(values)))[0]
     np.testing.assert_allclose(there, density, rtol=1e-11, atol=1e-11)
 
 
 def test_specimens_on_one_path_and_on_several_have_the_densities_of_each_alone(model, values):
     """The filter of a path is kept from one specimen to the next, and dropped where they differ."""
-    at = model.actuator_linearised(values)
+    at = model.data_of(Curvature).linearised(model.state(values))
     together = density_and_mode(at)[0]
     for s in range(together.shape[1]):
         one = slice(s, s + 1)

@@ -31,6 +31,7 @@ from bayesdeg.inference.sampling import (
     start_of,
 )
 from bayesdeg.inference.tree import to_datatree
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.noise import sequential
 from bayesdeg.observations.specimens import (
     STIFFNESS_SCATTER,
@@ -423,8 +424,11 @@ def test_stored_draws_have_the_stored_log_likelihoods():
         for kind, block in model.log_likelihood(values).items():
             got = densities[f"{kind}_specimens"].values[chain, draw]
             np.testing.assert_allclose(got, block[0], rtol=1e-9)
-        pointwise = sequential(model.actuator_linearised(values))[0]
-        data, points = model.actuator, model.actuator.pressure.shape[1]
+        pointwise = sequential(model.data_of(Curvature).linearised(model.state(values)))[0]
+        data, points = (
+            model.data_of(Curvature).tests,
+            model.data_of(Curvature).tests.pressure.shape[1],
+        )
         for name, mask, columns in (
             ("curvature", data.mask, slice(0, points)),
             ("bend_angle", data.angle_mask, slice(points, 2 * points)),
@@ -446,7 +450,7 @@ def test_likelihoods_and_prior_sum_to_the_log_density():
     values = {n: v.values for n, v in stored["posterior"].to_dataset().data_vars.items()}
     total = sum(blocks) + model.table.log_prior(model.table.vectors(values))
     np.testing.assert_allclose(total, stored["sample_stats"]["lp"].values, rtol=1e-9)
-    densities, names = stored["log_likelihood"], list(model.actuator.specimens)
+    densities, names = stored["log_likelihood"], list(model.data_of(Curvature).tests.specimens)
     both = densities["curvature"].groupby("specimen_id").sum("observation")
     both = both.sel(specimen_id=names).values.copy()
     angles = densities["bend_angle"]
@@ -462,7 +466,7 @@ def test_the_joint_likelihood_is_of_all_that_was_read_on_each_specimen():
     parts = [densities[f"{k}_specimens"] for k in ("tensile", "actuator", "rupture", "breaks")]
     total = sum(part.sum(part.dims[-1]) for part in [*parts, densities["statistics_specimens"]])
     np.testing.assert_allclose(densities["joint"].sum("specimen"), total, rtol=1e-9)
-    name = real_model().actuator.specimens[0]
+    name = real_model().data_of(Curvature).tests.specimens[0]
     both = sum(densities[f"{kind}_specimens"].values[..., 0] for kind in ("actuator", "rupture"))
     np.testing.assert_allclose(densities["joint"].sel(specimen=name), both, rtol=1e-9)
 
@@ -475,7 +479,7 @@ def test_arviz_leaves_out_whole_specimens_of_the_stored_tree_and_parts_by_name(t
     specimens = stored["log_likelihood"]["joint"].sizes["specimen"]
     assert found.n_data_points == specimens == len(found.elpd_i)
     assert float(found.elpd_i.sum()) == pytest.approx(found.elpd)
-    data = real_model().actuator
+    data = real_model().data_of(Curvature).tests
     parts = arviz.loo(stored, var_name="curvature")
     assert parts.n_data_points == data.mask.sum()
     assert arviz.loo(stored, var_name="actuator_specimens").n_data_points == len(data.specimens)
@@ -485,7 +489,7 @@ def test_arviz_leaves_out_whole_specimens_of_the_stored_tree_and_parts_by_name(t
     "group", ["log_likelihood", "posterior_predictive", "observed_data", "constant_data"]
 )
 def test_observations_carry_specimen_pressure_and_degradation(group):
-    data, mask = real_model().actuator, real_model().actuator.mask
+    data, mask = real_model().data_of(Curvature).tests, real_model().data_of(Curvature).tests.mask
     coords = tree()[group].to_dataset().coords
     s, j = np.nonzero(mask)
     for name, want in (
@@ -498,7 +502,7 @@ def test_observations_carry_specimen_pressure_and_degradation(group):
 
 
 def test_observed_and_constant_data_are_the_studys():
-    data = real_model().actuator
+    data = real_model().data_of(Curvature).tests
     np.testing.assert_array_equal(tree()["observed_data"]["curvature"], data.curvature[data.mask])
     np.testing.assert_array_equal(tree()["constant_data"]["pressure"], data.pressure[data.mask])
 

@@ -8,6 +8,8 @@ import pytest
 
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.model import least_squares, near_films, share_outside
+from bayesdeg.observations.breaks import Breaks
+from bayesdeg.observations.tensile import Tensile, median_stresses
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import LogNormal
 from tests.emulator.closed_form import trained
@@ -18,12 +20,15 @@ STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 
 def test_exact_stresses_and_elongations_give_their_constants_back():
     model = small_model()
-    stress = model.stresses(values_of(), model.tensile).at_rest
-    elongation = model.elongation(values_of(), model.breaks.degradation)[0]
+    stress = median_stresses(model.tests(values_of()), model.data_of(Tensile).tests).at_rest
+    elongation = model.world.elongation(values_of(), model.data_of(Breaks).table.degradation)[0]
     exact = altered(
         model,
-        tensile=replace(model.tensile, stress=np.where(model.tensile.mask, stress[0], 0.0)),
-        breaks=replace(model.breaks, elongation=elongation),
+        tensile=replace(
+            model.data_of(Tensile).tests,
+            stress=np.where(model.data_of(Tensile).tests.mask, stress[0], 0.0),
+        ),
+        breaks=replace(model.data_of(Breaks).table, elongation=elongation),
     )
     found = exact.table.named(least_squares(exact))
     for name in ("c1_at_0", "c3_at_25", "c1_control_12_5", "elongation_at_0", "elongation_at_25"):

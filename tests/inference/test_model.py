@@ -9,9 +9,13 @@ from scipy import integrate, stats
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.material.degradation import satisfies_baker_ericksen
 from bayesdeg.observations import noise as likelihood
-from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.observations.breaks import Breaks
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.means import Means
 from bayesdeg.observations.noise import sequential
-from bayesdeg.observations.specimens import stiffness_spread
+from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.observations.specimens import has_elongation, stiffness_spread
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.priors import Choice
 from tests.emulator.closed_form import trained
@@ -65,7 +69,7 @@ def test_log_prob_is_that_of_plain_loops(model, vectors):
 
 def test_ruptures_are_censored_elongation_limits(model, vectors):
     """Burst between two pressures, at the first, after unloading, or not at all."""
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     ruptured = np.zeros((5, 7), bool)
     ruptured[1, 4] = ruptured[2, 0] = ruptured[3, 6] = True
     wide = altered(model, actuator=replace(data, ruptured=ruptured, mask=data.mask & ~ruptured))
@@ -101,7 +105,7 @@ def normal_log_density(residual, sd, correlation):
 
 def exact_actuator(model, values, s):
     """Over stiffness and degradation rate, both: D_R acts through all three constants."""
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     points = 201
     levels, weights = np.polynomial.hermite_e.hermegauss(15)
     sd = data.degradation_sd[s, 0]
@@ -118,14 +122,14 @@ def exact_actuator(model, values, s):
             ),
         )
         many = {name: np.full(points, value) for name, value in values.items()}
-        predicted = moved.predict(many, m[:, None, None])
-        read = moved.actuator.paths.mask[0]
+        predicted = moved.data_of(Curvature).predicted(moved.tests(many), m[:, None, None])
+        read = moved.data_of(Curvature).tests.paths.mask[0]
         noise = likelihood.noise_correlation(
-            moved.actuator.paths, *(np.array([values[k]]) for k in NOISE)
+            moved.data_of(Curvature).tests.paths, *(np.array([values[k]]) for k in NOISE)
         )[0, 0][np.ix_(read, read)]
         # the emulator's error is that of the recorded rate, whatever the true one
         logs = normal_log_density(
-            moved.actuator.readings[0, read] - predicted.mean[:, 0, read],
+            moved.data_of(Curvature).tests.readings[0, read] - predicted.mean[:, 0, read],
             np.sqrt(predicted.variance[:, 0, read]),
             noise,
         )
@@ -141,7 +145,9 @@ NOISE = ("curvature_noise_length", "reading_correlation")
 def test_actuators_have_the_density_of_quadrature_over_the_deviation(model, scatter):
     """To a twentieth of a unit of log density, where a unit is what can be told apart at all."""
     values = TRUTH | {"stiffness_scatter": scatter}
-    exactly = altered(model, actuator=replace(model.actuator, degradation_sd=np.zeros((5, 1))))
+    exactly = altered(
+        model, actuator=replace(model.data_of(Curvature).tests, degradation_sd=np.zeros((5, 1)))
+    )
     got = exactly.log_likelihood(values_of(values))["actuator"][0]
     want = [exact_actuator(exactly, values, s) for s in range(5)]
     np.testing.assert_allclose(got, want, rtol=0.0, atol=0.05)
@@ -161,12 +167,14 @@ def test_films_have_the_density_of_quadrature_over_both_deviations(model, scatte
     """With reading errors in proportion to the specimen's own stress, correlated in stretch."""
     values = TRUTH | {"stiffness_scatter": scatter}
     got = model.log_likelihood(values_of(values))["tensile"][0]
-    want = [exact_film(model, values, s) for s in range(len(model.tensile.specimens))]
+    want = [
+        exact_film(model, values, s) for s in range(len(model.data_of(Tensile).tests.specimens))
+    ]
     np.testing.assert_allclose(got, want, rtol=0.0, atol=0.05)
 
 
 def exact_film(model, values, s):
-    data = model.tensile
+    data = model.data_of(Tensile).tests
     points = np.flatnonzero(data.mask[s])
     levels, weights = np.polynomial.hermite_e.hermegauss(15)
     m = np.linspace(-8.0, 8.0, 401) * values["stiffness_scatter"]
@@ -176,7 +184,7 @@ def exact_film(model, values, s):
     total = []
     for level, weight in zip(levels, weights / weights.sum(), strict=True):
         rate = data.degradation[s] + data.degradation_sd[s] * level
-        c = slow_model.constants_at(values, model.nodes, rate)
+        c = slow_model.constants_at(values, model.world.nodes, rate)
         f = np.array(
             [
                 slow_model.yeoh_stress(*c, data.stretch[s, j], data.modes[s], data.cauchy[s, j])
@@ -197,10 +205,10 @@ def test_the_order_of_specimens_does_not_matter(model, vectors):
     actuators, films = np.array([3, 0, 4, 2, 1]), np.array([2, 0, 3, 1])
     mixed = altered(
         model,
-        actuator=model.actuator.subset(actuators),
-        tensile=model.tensile.subset(films),
-        breaks=model.breaks.subset(np.array([1, 2, 0])),
-        statistics=model.statistics[::-1],
+        actuator=model.data_of(Curvature).tests.subset(actuators),
+        tensile=model.data_of(Tensile).tests.subset(films),
+        breaks=model.data_of(Breaks).table.subset(np.array([1, 2, 0])),
+        statistics=model.data_of(Means).statistics[::-1],
     )
     np.testing.assert_allclose(mixed.log_prob(vectors), model.log_prob(vectors), rtol=1e-12)
     before = model.log_likelihood(model.table.named(vectors))
@@ -211,7 +219,7 @@ def test_the_order_of_specimens_does_not_matter(model, vectors):
 
 
 def test_padding_does_not_matter(model, vectors):
-    data = model.actuator
+    data = model.data_of(Curvature).tests
 
     def wider(values, fill):
         return np.concatenate([values, np.full((len(values), 2), fill)], axis=1)
@@ -263,7 +271,7 @@ def test_a_batch_is_one_vector_at_a_time_with_the_surrogate_and_a_cause(vectors,
 
 def test_kinds_of_data_that_are_missing_add_nothing(model, vectors):
     total = model.table.log_prior(vectors)
-    assert model.has_elongation  # ruptures come with the actuators
+    assert has_elongation(model.base)  # ruptures come with the actuators
     for kind in ("tensile", "actuator", "breaks", "statistics"):
         gone = {k: None for k in ("tensile", "actuator", "breaks") if k != kind}
         if kind != "statistics":
@@ -309,7 +317,15 @@ def test_outside_the_range_of_the_emulator_the_density_falls_the_farther_out(mod
     model = altered(model, forward=trained())
     vectors = np.concatenate([model.table.vectors(values_of(TRUTH | {name: v})) for v in values])
     at = model.table.named(vectors)
-    assert np.isnan(model.predict(at).mean[:, model.actuator.paths.mask]).any(axis=1).all()
+    assert (
+        np.isnan(
+            model.data_of(Curvature)
+            .predicted(model.tests(at))
+            .mean[:, model.data_of(Curvature).tests.paths.mask]
+        )
+        .any(axis=1)
+        .all()
+    )
     density = model.log_prob(vectors)
     assert np.all(np.isfinite(density))
     assert np.all(np.diff(density) < 0.0)
@@ -333,15 +349,20 @@ def test_no_vector_gives_nan(model):
 def test_simulations_have_mean_and_covariance_of_the_linearised_law(model):
     count = 20000
     truth = TRUTH | {"stiffness_scatter": 0.02}
-    model = altered(model, actuator=replace(model.actuator, degradation_sd=np.full((5, 1), 0.2)))
+    model = altered(
+        model, actuator=replace(model.data_of(Curvature).tests, degradation_sd=np.full((5, 1), 0.2))
+    )
     many, one = values_of(truth, count), values_of(truth)
-    draws = model.simulate(many, np.random.default_rng(3))
+    draws = model.data_of(Curvature).drawn(model.tests(many), np.random.default_rng(3))
     for s in range(5):
-        read = model.actuator.paths.mask[s]
+        read = model.data_of(Curvature).tests.paths.mask[s]
         rows = slow_model.actuator_readings(model, truth, s, 0.0)
         mean, slope, sd, place, output, _ = (np.array(column) for column in zip(*rows, strict=True))
         spread = slow_model.deviation_variance(
-            truth, model.nodes, model.actuator.degradation[s, 0], 0.2
+            truth,
+            model.world.nodes,
+            model.data_of(Curvature).tests.degradation[s, 0],
+            0.2,
         )
         noise = slow_model.noise_covariance(
             place, output, sd, truth["curvature_noise_length"], truth["reading_correlation"]
@@ -356,54 +377,64 @@ def test_simulations_have_mean_and_covariance_of_the_linearised_law(model):
         got = white @ np.cov(sample.T) @ white.T
         # 6 % of slope: the paper does not share the deviation, so J is not quite that of a load
         np.testing.assert_allclose(got, np.eye(len(mean)), atol=4.5 * np.sqrt(2.0 / count) + 0.1)
-    assert model.predict(one).mean.shape == (1, 5, 14)
+    assert model.data_of(Curvature).predicted(model.tests(one)).mean.shape == (1, 5, 14)
 
 
 def test_simulations_of_one_seed_are_the_same_and_of_another_differ(model):
     first, again, other = (
-        model.simulate(values_of(count=3), np.random.default_rng(seed)) for seed in (1, 1, 2)
+        model.data_of(Curvature).drawn(model.tests(values_of(count=3)), np.random.default_rng(seed))
+        for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)
     assert not np.any(first == other)
     assert not np.any(first[0] == first[1])
-    alone = model.simulate_curvature(values_of(count=3), np.random.default_rng(1))
+    alone = model.data_of(Curvature).drawn(
+        model.tests(values_of(count=3)), np.random.default_rng(1)
+    )[..., : model.data_of(Curvature).tests.pressure.shape[1]]
     np.testing.assert_array_equal(alone, first[..., :7])
 
 
 def test_other_readings_replace_those_that_were_observed_and_nothing_else(model, vectors):
     readings = np.random.default_rng(0).uniform(1.0, 5.0, (5, 14))
-    other = model.with_readings(readings)
-    read = model.actuator.paths.mask
-    np.testing.assert_array_equal(other.actuator.readings[read], readings[read])
-    np.testing.assert_array_equal(other.actuator.readings[~read], 0.0)
+    other = model.with_observations(
+        *data_of_actuators(model.data_of(Curvature).tests.with_readings(readings), model.base)
+    )
+    read = model.data_of(Curvature).tests.paths.mask
+    np.testing.assert_array_equal(other.data_of(Curvature).tests.readings[read], readings[read])
+    np.testing.assert_array_equal(other.data_of(Curvature).tests.readings[~read], 0.0)
     before = model.log_likelihood(model.table.named(vectors))
     after = other.log_likelihood(model.table.named(vectors))
     for kind in ("tensile", "breaks", "statistics"):
         np.testing.assert_array_equal(after[kind], before[kind])
     assert not np.any(after["actuator"] == before["actuator"])
-    back = other.with_readings(model.actuator.readings)
+    back = other.with_observations(
+        *data_of_actuators(
+            other.data_of(Curvature).tests.with_readings(model.data_of(Curvature).tests.readings),
+            other.base,
+        )
+    )
     np.testing.assert_array_equal(back.log_prob(vectors), model.log_prob(vectors))
 
 
 def test_pointwise_densities_sum_to_those_of_the_specimens(model, vectors):
     values = model.table.named(vectors)
-    pointwise = sequential(model.actuator_linearised(values))
+    pointwise = sequential(model.data_of(Curvature).linearised(model.state(values)))
     np.testing.assert_allclose(
         np.sum(pointwise, axis=-1), model.log_likelihood(values)["actuator"], rtol=1e-9
     )
-    np.testing.assert_array_equal(pointwise[:, ~model.actuator.paths.mask], 0.0)
+    np.testing.assert_array_equal(pointwise[:, ~model.data_of(Curvature).tests.paths.mask], 0.0)
 
 
 def test_every_draw_of_the_prior_is_stable(model):
     values = model.table.named(model.table.sample(np.random.default_rng(0), 500))
     levels = np.linspace(0.0, 25.0, 41)
-    c1, c2, c3 = np.moveaxis(model.constants(values, levels), -1, 0)
+    c1, c2, c3 = np.moveaxis(model.world.constants(values, levels), -1, 0)
     assert np.all(satisfies_baker_ericksen(c1, c2, c3))
     assert np.all(model.allows(values))
 
 
 def test_films_beyond_the_last_node_must_be_stable_too(model):
-    further = replace(model.tensile, degradation=np.array([0.0, 22.0, 0.3, 31.0]))
+    further = replace(model.data_of(Tensile).tests, degradation=np.array([0.0, 22.0, 0.3, 31.0]))
     model = altered(model, tensile=further)
     values = values_of(TRUTH | {"c1_control_12_5": 60.0})  # the parabola falls below 0
     assert not model.allows(values)[0]
@@ -414,11 +445,11 @@ def test_films_beyond_the_last_node_must_be_stable_too(model):
 def test_without_parameters_of_its_error_the_emulator_adds_to_every_readings_variance(model):
     values = {k: v for k, v in values_of().items() if not k.startswith("emulator_error")}
     alone = altered(model, base=tuple(p for p in model.base if p.name in values))
-    predicted = alone.predict(values)
+    predicted = alone.data_of(Curvature).predicted(alone.tests(values))
     kappa = predicted.prediction.curvature
     floor, share = TRUTH["curvature_noise_floor"], TRUTH["curvature_noise"]
-    want = floor**2 + (share**2 + model.forward.relative_error**2) * kappa**2
-    want = want + model.actuator.curvature_sd**2
+    want = floor**2 + (share**2 + model.world.forward.relative_error**2) * kappa**2
+    want = want + model.data_of(Curvature).tests.curvature_sd ** 2
     np.testing.assert_allclose(predicted.variance[..., :7], want)
 
 
@@ -434,15 +465,20 @@ def test_the_emulators_common_error_has_unit_variance_over_the_tests(model):
     pressure = np.broadcast_to(np.linspace(0.0, 140.0, 21), shape)
     level = np.linspace(0.0, 25.0, 21)[:, None]
     grid = at_conditions(model, level[:, 0], pressure[0])
-    prediction = grid.curvature({k: v[:2000] for k, v in values.items()})
+    prediction = (
+        grid.data_of(Curvature)
+        .predicted(grid.tests({k: v[:2000] for k, v in values.items()}))
+        .prediction
+    )
     truth = replace(grid, base=tuple(p for p in grid.base if "emulator" not in p.name))
-    exact = truth.curvature({k: v[:1] for k, v in values.items() if "emulator" not in k})
+    at_truth = truth.tests({k: v[:1] for k, v in values.items() if "emulator" not in k})
+    exact = truth.data_of(Curvature).predicted(at_truth).prediction
     g = (prediction.curvature - exact.curvature)[..., 1:] / exact.sd[..., 1:]
     assert np.mean(np.var(g, axis=0)) == pytest.approx(1.0, abs=0.1)
 
 
 def test_bend_angles_without_a_curvature_are_not_used(model, vectors):
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     mask = data.mask.copy()
     mask[2, 3] = False
     with_angle = altered(model, actuator=replace(data, mask=mask))
@@ -458,5 +494,5 @@ def test_an_uncertain_degradation_rate_scatters_stiffness_by_its_slope(model):
     at_levels = [0.3, 0.25 * 0.3 + 0.5 * 0.5 + 0.25 * 1.5, 1.5]
     parabola = np.polynomial.Polynomial.fit(levels, at_levels, 2).convert()
     want = 0.05**2 + (parabola.deriv()(levels) / parabola(levels) * sd) ** 2
-    material = model.material(values_of(), levels)
+    material = model.world.material(values_of(), levels)
     np.testing.assert_allclose(stiffness_spread(values_of(), material, sd)[0], want, rtol=1e-12)

@@ -9,7 +9,9 @@ from scipy import stats
 
 from bayesdeg.inference.model import replicate
 from bayesdeg.observations import noise as likelihood
-from bayesdeg.observations.means import Statistic
+from bayesdeg.observations.breaks import Breaks
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.observations.specimens import stiffness_spread
 from bayesdeg.observations.tensile import Tensile
 from tests.inference.small_study import altered, small_model, values_of
@@ -47,7 +49,7 @@ def small_scatter():
 
 
 def with_exact_degradation(model):
-    films, actuators = model.tensile, model.actuator
+    films, actuators = model.data_of(Tensile).tests, model.data_of(Curvature).tests
     return altered(
         model,
         tensile=replace(films, degradation_sd=0.1 * films.degradation_sd),
@@ -69,7 +71,7 @@ def test_whole_curves_are_at_the_distances_of_a_normal_law(kind):
     replicas = [replicate(model, values, generator) for _ in range(COUNT)]
     linearised = {
         "tensile": lambda m: m.of_kind(Tensile)[0].linearised(m.state(values)),
-        "actuator": lambda m: m.actuator_linearised(values),
+        "actuator": lambda m: m.data_of(Curvature).linearised(m.state(values)),
     }[kind]
     distances = squared_distances(linearised, replicas)
     degrees = getattr(model, kind).paths.mask.sum(axis=-1)
@@ -85,21 +87,24 @@ def test_curves_of_one_specimen_deviate_together_as_far_as_specimens_scatter():
     generator = np.random.default_rng(5)
     model = small_model()
     logs = np.array(
-        [np.log(replicate(model, quiet, generator).tensile.stress[:, :3]) for _ in range(COUNT)]
+        [
+            np.log(replicate(model, quiet, generator).data_of(Tensile).tests.stress[:, :3])
+            for _ in range(COUNT)
+        ]
     )
     sd = logs.std(axis=0)
     values = values_of()
-    material = model.material(values, model.tensile.degradation)
+    material = model.world.material(values, model.data_of(Tensile).tests.degradation)
     # the first film's degradation rate is exact: its curves are multiples of one another
     np.testing.assert_allclose(sd[0], 0.05, rtol=0.12)
-    spread = stiffness_spread(values, material, model.tensile.degradation_sd)[0]
+    spread = stiffness_spread(values, material, model.data_of(Tensile).tests.degradation_sd)[0]
     assert np.all(np.ptp(logs[:, 0] - logs[0, 0], axis=1) < 1e-6)
     np.testing.assert_allclose(sd[:, 0], np.sqrt(spread), rtol=0.15)
 
 
 def test_elongations_at_break_have_the_log_normal_law():
-    data = small_model().breaks
-    drawn = np.log([r.breaks.elongation for r in replicates()])
+    data = small_model().data_of(Breaks).table
+    drawn = np.log([r.data_of(Breaks).table.elongation for r in replicates()])
     slope = (np.log(52.0) - np.log(210.0)) / 25.0
     for k, degradation in enumerate(data.degradation):
         median = np.log(210.0) + slope * degradation
@@ -117,7 +122,7 @@ def test_elongations_at_break_have_the_log_normal_law():
     ],
 )
 def test_statistics_have_the_law_of_their_replicates(k, law):
-    assert is_uniform(law.cdf([r.statistics[k].value for r in replicates()]))
+    assert is_uniform(law.cdf([r.data_of(Means).statistics[k].value for r in replicates()]))
 
 
 def weak():
@@ -134,22 +139,26 @@ def test_actuators_burst_as_often_as_the_likelihood_says():
     """With no scatter of stiffness the probability of each pressure is known exactly."""
     model = small_model()
     exact = altered(
-        model, actuator=replace(model.actuator, degradation_sd=0.0 * model.actuator.degradation_sd)
+        model,
+        actuator=replace(
+            model.data_of(Curvature).tests,
+            degradation_sd=0.0 * model.data_of(Curvature).tests.degradation_sd,
+        ),
     )
     generator = np.random.default_rng(11)
-    replicas = [replicate(exact, weak(), generator).actuator for _ in range(COUNT)]
-    points = exact.actuator.pressure.shape[1]
+    replicas = [replicate(exact, weak(), generator).data_of(Curvature).tests for _ in range(COUNT)]
+    points = exact.data_of(Curvature).tests.pressure.shape[1]
     seen = np.array([np.where(r.ruptures.burst < 0, points, r.ruptures.burst) for r in replicas])
-    for s in range(len(exact.actuator.specimens)):
+    for s in range(len(exact.data_of(Curvature).tests.specimens)):
         observed, expected = [], []
-        last = int(np.sum(exact.actuator.recorded[s]))
+        last = int(np.sum(exact.data_of(Curvature).tests.recorded[s]))
         for row in [*range(last), points]:
             burst = np.zeros((len(seen[0]), points), bool)
-            recorded = exact.actuator.recorded.copy()
+            recorded = exact.data_of(Curvature).tests.recorded.copy()
             if row < points:
                 burst[s, row] = True
                 recorded[s, row + 1 :] = False
-            data = replace(exact.actuator, ruptured=burst, recorded=recorded)
+            data = replace(exact.data_of(Curvature).tests, ruptured=burst, recorded=recorded)
             block = altered(exact, actuator=data).log_likelihood(weak())["rupture"]
             observed.append(int(np.sum(seen[:, s] == row)))
             expected.append(COUNT * float(np.exp(block[0, s])))
@@ -163,7 +172,7 @@ def test_actuators_burst_as_often_as_the_likelihood_says():
 
 def test_a_burst_actuator_has_no_reading_there_nor_after():
     generator = np.random.default_rng(1)
-    data = replicate(small_model(), weak(), generator).actuator
+    data = replicate(small_model(), weak(), generator).data_of(Curvature).tests
     burst = data.ruptured.any(axis=1)
     assert burst.any()
     for s in np.nonzero(burst)[0]:
@@ -172,7 +181,9 @@ def test_a_burst_actuator_has_no_reading_there_nor_after():
         assert not data.recorded[s, row + 1 :].any()
         assert not data.mask[s, row:].any()
         assert not data.angle_mask[s, row:].any()
-        np.testing.assert_array_equal(data.mask[s, :row], small_model().actuator.mask[s, :row])
+        np.testing.assert_array_equal(
+            data.mask[s, :row], small_model().data_of(Curvature).tests.mask[s, :row]
+        )
 
 
 def test_replicates_are_possible_and_differ_and_the_tests_stay():
@@ -181,19 +192,24 @@ def test_replicates_are_possible_and_differ_and_the_tests_stay():
     first, second = replicates()[:2]
     assert np.all(np.isfinite([m.log_prob(vector)[0] for m in replicates()[:20]]))
     assert not np.any(
-        first.tensile.stress[model.tensile.mask] == second.tensile.stress[model.tensile.mask]
+        first.data_of(Tensile).tests.stress[model.data_of(Tensile).tests.mask]
+        == second.data_of(Tensile).tests.stress[model.data_of(Tensile).tests.mask]
     )
     assert first.table == model.table
-    np.testing.assert_array_equal(first.actuator.pressure, model.actuator.pressure)
+    np.testing.assert_array_equal(
+        first.data_of(Curvature).tests.pressure, model.data_of(Curvature).tests.pressure
+    )
     again = replicate(model, values, np.random.default_rng(7))
-    np.testing.assert_array_equal(again.actuator.readings, first.actuator.readings)
+    np.testing.assert_array_equal(
+        again.data_of(Curvature).tests.readings, first.data_of(Curvature).tests.readings
+    )
 
 
 def test_where_the_forward_map_has_no_answer_actuators_burst_or_readings_are_nan():
     model = small_model()
-    limited = altered(model, forward=Limited(model.forward, 90.0))
+    limited = altered(model, forward=Limited(model.world.forward, 90.0))
     generator = np.random.default_rng(2)
-    data = replicate(limited, values_of(), generator).actuator
+    data = replicate(limited, values_of(), generator).data_of(Curvature).tests
     assert np.all(data.pressure[data.ruptured] == 100.0)
     assert np.all(np.isfinite(data.readings[np.tile(data.mask, 2)]))
     silent = altered(
@@ -202,8 +218,8 @@ def test_where_the_forward_map_has_no_answer_actuators_burst_or_readings_are_nan
         breaks=None,
         statistics=(Statistic("volume_ratio", 0.0, 0.62, 0.035, "published"),),
     )
-    curvature = replicate(silent, values_of(), generator).actuator.curvature
-    refused = model.actuator.mask & (model.actuator.pressure > 90.0)
+    curvature = replicate(silent, values_of(), generator).data_of(Curvature).tests.curvature
+    refused = model.data_of(Curvature).tests.mask & (model.data_of(Curvature).tests.pressure > 90.0)
     np.testing.assert_array_equal(np.isnan(curvature), refused)
 
 

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from bayesdeg.inference.model import blocks_of, without
+from bayesdeg.observations.breaks import Breaks
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.tensile import Tensile
 from tests.inference.small_study import altered, draws_near_truth, small_model
 
 
@@ -29,7 +32,7 @@ def test_the_likelihood_of_those_that_stay_is_unchanged(model, values):
 
 def test_a_table_without_specimens_is_gone(model, values):
     fewer = without(model, ["b1", "b2", "b3"])
-    assert fewer.breaks is None
+    assert not fewer.of_kind(Breaks)
     assert "breaks" not in fewer.log_likelihood(values)
 
 
@@ -52,8 +55,8 @@ def test_an_unknown_name_is_refused(model):
 
 
 def test_one_name_in_two_tables_or_two_modes_is_one_block(model):
-    tensile = replace(model.tensile, specimens=("f1", "f1", "f3", "f4"))
-    breaks = replace(model.breaks, specimens=("f3", "b2", "b3"))
+    tensile = replace(model.data_of(Tensile).tests, specimens=("f1", "f1", "f3", "f4"))
+    breaks = replace(model.data_of(Breaks).table, specimens=("f3", "b2", "b3"))
     shared = altered(model, tensile=tensile, breaks=breaks)
     blocks = blocks_of(shared, ("tensile", "breaks"))
     assert list(blocks) == ["f1", "f3", "f4", "b2", "b3"]
@@ -62,11 +65,11 @@ def test_one_name_in_two_tables_or_two_modes_is_one_block(model):
         "breaks": [0],
     }
     assert blocks["f1"]["tensile"].tolist() == [0, 1]
-    assert without(shared, ["f3"]).breaks.specimens == ("b2", "b3")
-    assert without(shared, ["f1"]).tensile.specimens == ("f3", "f4")
+    assert without(shared, ["f3"]).data_of(Breaks).table.specimens == ("b2", "b3")
+    assert without(shared, ["f1"]).data_of(Tensile).tests.specimens == ("f3", "f4")
 
 
 def test_statistics_are_of_no_specimen(model):
     of = {one.name: one.specimens for one in model.observations}
     assert of["statistics"] == ()
-    assert of["rupture"] == model.actuator.specimens
+    assert of["rupture"] == model.data_of(Curvature).tests.specimens

@@ -17,6 +17,8 @@ from bayesdeg.inference.update import (
     reweighted,
     take_in,
 )
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from tests.pipeline.planted_offset import model as planted
 
 
@@ -26,18 +28,26 @@ def whole():
 
 
 def without_specimen(model, place):
-    curves = model.actuator
-    return model.of_actuators(curves.subset(np.delete(np.arange(len(curves.specimens)), place)))
+    curves = model.data_of(Curvature).tests
+    return model.with_observations(
+        *data_of_actuators(
+            curves.subset(np.delete(np.arange(len(curves.specimens)), place)), model.base
+        )
+    )
 
 
 def without_reading(model, place):
     """The last reading of a specimen that was read up to the largest pressure is not there."""
-    curves = model.actuator
+    curves = model.data_of(Curvature).tests
     last = np.flatnonzero(curves.mask[place])[-1]
     mask, recorded = curves.mask.copy(), curves.recorded.copy()
     mask[place, last] = recorded[place, last] = False
     angle = curves.angle_mask & mask
-    return model.of_actuators(replace(curves, mask=mask, recorded=recorded, angle_mask=angle))
+    return model.with_observations(
+        *data_of_actuators(
+            replace(curves, mask=mask, recorded=recorded, angle_mask=angle), model.base
+        )
+    )
 
 
 def sample_of(model, seed, *, enough=3000.0):
@@ -68,7 +78,7 @@ def test_weights_are_the_ratio_of_both_posteriors(whole, case):
     draws = sample_of(before, 2, enough=200.0).draws[:300]
     density = before.log_prob(draws)
     possible = np.isfinite(density)
-    name = whole.actuator.specimens[1]
+    name = whole.data_of(Curvature).tests.specimens[1]
     found = reweighted(before, whole, draws[possible], density[possible], [name])
     expected = whole.log_prob(draws[possible]) - density[possible]
     # the largest weights are smoothed
@@ -84,7 +94,7 @@ def test_the_updated_posterior_is_that_of_all_readings(whole, reference, case):
     earlier = sample_of(before, 3)
     generator = np.random.default_rng(4)
     places = drawn_evenly(earlier, generator, 2000)
-    name = whole.actuator.specimens[1]
+    name = whole.data_of(Curvature).tests.specimens[1]
     found = take_in(
         before,
         whole,
@@ -113,7 +123,7 @@ def test_draws_that_are_many_enough_are_only_weighed(whole):
         whole,
         earlier.draws[places],
         earlier.log_densities[places],
-        [whole.actuator.specimens[1]],
+        [whole.data_of(Curvature).tests.specimens[1]],
         np.random.default_rng(0),
         enough=100.0,
     )
@@ -125,9 +135,11 @@ def test_draws_that_are_many_enough_are_only_weighed(whole):
 
 def test_where_weights_fail_the_posterior_is_found_again(whole, reference):
     """The earlier readings are of a specimen much stiffer than it is: its draws carry no weight."""
-    curves = whole.actuator
+    curves = whole.data_of(Curvature).tests
     scale = np.where(np.arange(len(curves.specimens)) == 1, 0.4, 1.0)[:, None]
-    wrong = whole.of_actuators(replace(curves, curvature=curves.curvature * scale))
+    wrong = whole.with_observations(
+        *data_of_actuators(replace(curves, curvature=curves.curvature * scale), whole.base)
+    )
     earlier = sample_of(wrong, 5, enough=800.0)
     places = drawn_evenly(earlier, np.random.default_rng(1), 500)
     found = take_in(

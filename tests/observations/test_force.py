@@ -139,7 +139,7 @@ def test_the_density_is_that_of_a_normal_law_with_the_stated_covariance(model):
     for row, name in enumerate(kind.labels):
         rows = kind.places.specimen == name
         size = int(rows.sum())
-        tau = model.material(values, kind.levels).sensitivity[0, row] ** 2 + spread
+        tau = model.world.material(values, kind.levels).sensitivity[0, row] ** 2 + spread
         sd = np.hypot(values["force_noise_floor"][0], values["force_noise"][0] * mean[rows])
         covariance = np.zeros((size, size))
         for i in range(size):
@@ -154,7 +154,7 @@ def test_the_density_is_that_of_a_normal_law_with_the_stated_covariance(model):
 
 def _met(model, values):
     kind = of_model(model)
-    c1, c2, c3 = np.moveaxis(model.constants(values, kind.levels), -1, 0)[..., None]
+    c1, c2, c3 = np.moveaxis(model.world.constants(values, kind.levels), -1, 0)[..., None]
     scale = np.cbrt(values["volume_ratio"])[:, None, None]
     paper = values["paper_stiffness"][:, None, None]
     return Inputs(kind.tests.conditions.pressure, c1, c2, c3, scale, paper)

@@ -153,7 +153,7 @@ def test_the_map_reads_its_own_line_as_the_points_are_read(operator):
 
 def test_the_model_of_points_predicts_what_the_operator_reads(tmp_path):
     study = read_study(written(tmp_path, table([2.0, 6.0])))
-    forward = assemble(study).model.forward
+    forward = assemble(study).model.world.forward
     assert isinstance(forward, ReadByOperator)
     assert (forward.operator, forward.points, forward.with_angle) == ("angle_over_arc", COUNT, True)
     assert "curvature_operator" in assemble(study).unjudged

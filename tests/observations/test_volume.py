@@ -16,7 +16,7 @@ from bayesdeg.data.plausibility import doubts
 from bayesdeg.errors import BayesdegError, StudyError
 from bayesdeg.inference.model import replicate
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.observations.rupture import Rupture
+from bayesdeg.observations.rupture import Rupture, data_of_actuators
 from bayesdeg.observations.volume import VOLUME, CavityVolume
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.outline import outline, unlinked
@@ -109,7 +109,7 @@ def test_volumes_are_read_where_there_are_some(folder, model):
     known = table["cavity_volume_ml"].notna()
     np.testing.assert_allclose(volume.observed, table.loc[known, "cavity_volume_ml"])
     np.testing.assert_array_equal(volume.places.along, table.loc[known, "pressure_kPa"])
-    assert volume.curves is curvature.curves
+    assert volume.curves is curvature.tests
     assert volume.scales[VOLUME].unit == "ml"
     assert outline(read_study(folder)).asked == ("cavity_volume",)
     assert {"volume_noise", "volume_noise_floor"} <= set(model.table.names)
@@ -164,7 +164,7 @@ def test_specimens_are_held_out_with_their_volumes(model):
     left, vectors = model.without(np.array([0])), near_medians(model, 2)
     assert len(left.places) == len(model.places) - 3 * len(PRESSURES)
     volume, curvature = kinds(left)
-    assert volume.curves is curvature.curves
+    assert volume.curves is curvature.tests
     np.testing.assert_allclose(
         left.log_prob(vectors), model.log_prob(vectors) - model.group_density(vectors)[:, 0]
     )
@@ -188,15 +188,17 @@ def test_replicates_end_where_an_actuator_bursts(model):
     weak = one | {n: 0.02 * v for n, v in one.items() if n.startswith("elongation_at")}
     again = replicate(model, weak, np.random.default_rng(2))
     volume, curvature = kinds(again)
-    assert curvature.curves.ruptured.any()
+    assert curvature.tests.ruptured.any()
     assert volume.tests.mask.sum() < kinds(model)[0].tests.mask.sum()
-    assert np.all(volume.tests.mask <= curvature.curves.mask)
-    assert volume.curves is curvature.curves
+    assert np.all(volume.tests.mask <= curvature.tests.mask)
+    assert volume.curves is curvature.tests
 
 
 def test_other_tests_of_actuators_leave_the_volumes_out(model):
     _, curvature = kinds(model)
-    some = model.of_actuators(curvature.curves.subset(np.array([0, 1])))
+    some = model.with_observations(
+        *data_of_actuators(curvature.tests.subset(np.array([0, 1])), model.base)
+    )
     assert not some.of_kind(CavityVolume)
 
 

@@ -9,6 +9,10 @@ import numpy as np
 from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import read_study
+from bayesdeg.observations.breaks import Breaks
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.observations.tensile import Tensile
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import altered, values_of
@@ -58,11 +62,18 @@ def model():
     """Films and three actuators of `tight_model`, the pressure read too high."""
     cause = find("pressure_offset")
     whole = tight_model()
-    chosen = altered(whole, actuator=whole.actuator.subset(ONE_EACH))
+    chosen = altered(whole, actuator=whole.data_of(Curvature).tests.subset(ONE_EACH))
     base = with_known_scatter(chosen)
     values = values_of() | {"pressure_offset.offset": np.array([OFFSET])}
     active = altered(base, forward=trained()).extended(cause)
-    return active.with_readings(active.simulate(values, np.random.default_rng(4))[0])
+    return active.with_observations(
+        *data_of_actuators(
+            active.data_of(Curvature).tests.with_readings(
+                active.data_of(Curvature).drawn(active.tests(values), np.random.default_rng(4))[0]
+            ),
+            active.base,
+        )
+    )
 
 
 COUNTS = "".join(
@@ -86,7 +97,11 @@ def counted_study(folder):
 
 def planted_study(folder, *, settings=SETTINGS, summary=SUMMARY):
     """Write the study into a folder and read it."""
-    data, films, breaks = model().actuator, model().tensile, model().breaks
+    data, films, breaks = (
+        model().data_of(Curvature).tests,
+        model().data_of(Tensile).tests,
+        model().data_of(Breaks).table,
+    )
     rows = [
         f"{name},{data.degradation[i, 0]},0.0,{data.pressure[i, j]},{data.curvature[i, j]}\n"
         for i, name in enumerate(data.specimens)

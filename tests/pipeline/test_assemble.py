@@ -4,7 +4,11 @@ import pytest
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, StudyError
-from bayesdeg.observations.specimens import no_map
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import Means
+from bayesdeg.observations.published import RSquared
+from bayesdeg.observations.specimens import has_elongation, no_map
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.assemble import assemble, level_grid
 from bayesdeg.priors import Normal, Uniform
 from tests.emulator.closed_form import ClosedFormMap
@@ -18,12 +22,12 @@ def prior_of(model, name):
 def test_a_full_study_has_every_kind_of_data_and_parameter(tmp_path):
     assembly = assemble(study_in(tmp_path))
     model, names = assembly.model, set(assembly.model.table.names)
-    assert isinstance(model.forward, Surrogate)
-    assert model.nodes == (0.0, 12.5, 25.0)
+    assert isinstance(model.world.forward, Surrogate)
+    assert model.world.nodes == (0.0, 12.5, 25.0)
     assert {"c1_control_12_5", "tensile_noise", "curvature_noise", "paper_stiffness"} <= names
     assert {"tensile_noise_length", "curvature_noise_length", "emulator_error_level"} <= names
     assert {"elongation_at_0", "elongation_at_25", "elongation_scatter"} <= names
-    assert [s.quantity for s in model.statistics] == [
+    assert [s.quantity for s in model.data_of(Means).statistics] == [
         "young_modulus",
         "elongation_at_break",
         "volume_ratio",
@@ -34,7 +38,7 @@ def test_a_full_study_has_every_kind_of_data_and_parameter(tmp_path):
 def test_a_model_can_be_assembled_about_another_forward_map(tmp_path):
     exact = ClosedFormMap()
     model = assemble(study_in(tmp_path), exact).model
-    assert model.forward is exact
+    assert model.world.forward is exact
     # only an emulator has an error of its own to be calibrated
     assert not [name for name in model.table.names if name.startswith("emulator_error")]
 
@@ -52,14 +56,14 @@ def test_bend_angles_bring_their_own_noise_and_its_correlation_with_that_of_the_
         "bend_angle_noise_floor",
         "reading_correlation",
     }
-    assert model.actuator.readings.shape == (3, 8)
-    assert np.all(model.actuator.bend_angle[:, 1:] > 0.0)
+    assert model.data_of(Curvature).tests.readings.shape == (3, 8)
+    assert np.all(model.data_of(Curvature).tests.bend_angle[:, 1:] > 0.0)
 
 
 def test_readings_stay_alike_over_a_share_of_the_largest_pressure(tmp_path):
     """By default; what lasts longer is an effect to be named."""
     model = assemble(study_in(tmp_path)).model
-    assert model.largest_pressure == 120.0
+    assert model.world.largest_pressure == 120.0
     assert prior_of(model, "curvature_noise_length") == Uniform(0.6, 18.0)
 
 
@@ -67,7 +71,7 @@ def test_all_causes_are_candidates_unless_the_study_lists_some(tmp_path):
     study = study_in(tmp_path)
     assembly = assemble(study)
     judged = {c.name for c in assembly.candidates}
-    conditions = assembly.model.actuator.conditions
+    conditions = assembly.model.data_of(Curvature).tests.conditions
     visible = {
         name
         for name, cause in CATALOGUE.items()
@@ -91,7 +95,7 @@ FLAWS = "flaw_embrittlement"  # of rupture alone
 def test_ruptures_are_judged_wherever_there_is_an_elongation_at_break(tmp_path, without):
     """Torn films or a published elongation: of either the model has a limit of elongation."""
     assembly = assemble(study_in(tmp_path, without=(without,)))
-    assert assembly.model.has_elongation
+    assert has_elongation(assembly.model.base)
     assert FLAWS in {c.name for c in assembly.candidates}
 
 
@@ -99,7 +103,7 @@ def test_without_any_elongation_at_break_the_reason_says_so(tmp_path):
     published = "".join(r for r in SUMMARY.splitlines(keepends=True) if "elongation" not in r)
     files = {"summary.csv": published}
     assembly = assemble(study_in(tmp_path, files, without=("break.csv",)))
-    assert not assembly.model.has_elongation
+    assert not has_elongation(assembly.model.base)
     assert "break.csv" in assembly.unjudged[FLAWS]
 
 
@@ -122,9 +126,9 @@ def test_without_an_actuator_causes_that_films_show_can_be_judged(tmp_path):
     assert {c.name for c in assembly.candidates} == FILMS == {"second_invariant", "stress_measure"}
     assert set(assembly.unjudged) == set(CATALOGUE) - FILMS
     assert not [n for n in assembly.model.table.names if n.startswith(("curvature", "emulator"))]
-    assert assembly.model.forward is no_map
+    assert assembly.model.world.forward is no_map
     # nothing in the model depends on the volume ratio
-    assert "volume_ratio" not in {s.quantity for s in assembly.model.statistics}
+    assert "volume_ratio" not in {s.quantity for s in assembly.model.data_of(Means).statistics}
     assert "actuator.csv" in dict(assembly.missing)
 
 
@@ -157,11 +161,11 @@ def test_a_published_r_squared_speaks_of_actuators_that_are_not_there(tmp_path):
     """Its misfit needs the mechanics, and so all that they depend on; causes only films judge."""
     assembly = assemble(study_in(tmp_path, without=("actuator.csv",)))
     model = assembly.model
-    assert model.actuator is None
-    assert model.published is not None
-    assert isinstance(model.forward, Surrogate)
+    assert not model.of_kind(Curvature)
+    assert model.of_kind(RSquared)
+    assert isinstance(model.world.forward, Surrogate)
     assert {"curvature_noise", "paper_stiffness", "volume_ratio"} <= set(model.table.names)
-    assert "volume_ratio" in {s.quantity for s in model.statistics}
+    assert "volume_ratio" in {s.quantity for s in model.data_of(Means).statistics}
     assert {c.name for c in assembly.candidates} == FILMS
     assert "actuator.csv" in dict(assembly.missing)
 
@@ -175,7 +179,7 @@ def test_without_actuators_and_films_no_cause_can_be_judged(tmp_path):
 
 def test_without_films_the_constants_rest_on_priors(tmp_path):
     assembly = assemble(study_in(tmp_path, without=("tensile.csv",)))
-    assert assembly.model.tensile is None
+    assert not assembly.model.of_kind(Tensile)
     assert "tensile_noise" not in assembly.model.table.names
     assert "priors" in dict(assembly.missing)["tensile.csv"]
 

@@ -18,6 +18,7 @@ from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.averaged import DRAWS, averaged, stored_form
 from bayesdeg.pipeline.calibrate import Fit
@@ -108,7 +109,8 @@ def test_each_draw_has_one_cause_and_predicts_as_the_model_with_it_alone(found, 
         alone = base.extended(find(own))
         known = {name: some[name] for name in alone.table.names}
         np.testing.assert_array_equal(
-            found.model.curvature(some).curvature, alone.curvature(known).curvature
+            found.model.data_of(Curvature).predicted(found.model.tests(some)).prediction.curvature,
+            alone.data_of(Curvature).predicted(alone.tests(known)).prediction.curvature,
         )
 
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.writing import RISK, decisions
 from bayesdeg.report.tables import DECISIONS, TABLES
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
@@ -26,7 +27,7 @@ def model_of(forward=None, largest=LARGEST):
     top[0] *= 0.5  # its fellow of the same level bends more
     curvature = top[:, None] * np.linspace(0.1, 1.0, 7) ** 2
     curvature[4, 4] = top[4]  # of the readings that there are
-    data = replace(model.actuator, curvature=curvature)
+    data = replace(model.data_of(Curvature).tests, curvature=curvature)
     assert not data.mask[4, 5:].any()
     data.curvature[4, 5:] = 99.0  # after the rupture: not readings
     return altered(model, forward=forward or LinearActuator(), actuator=data)
@@ -47,7 +48,7 @@ def decided(**fits):
 
 def constant(model, level, **changes):
     """C1 at a level [MPa]."""
-    return model.constants(values_of(TRUTH | changes), np.array([level]))[0, 0, 0]
+    return model.world.constants(values_of(TRUTH | changes), np.array([level]))[0, 0, 0]
 
 
 def load(wanted):

@@ -9,6 +9,7 @@ from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
 from bayesdeg.report.figures.actuator import deformed_figure
@@ -122,7 +123,9 @@ def test_the_export_and_the_picture_show_the_same_state(run):
 
 def test_beyond_the_last_equilibrium_the_state_before_it_is_shown(fit, tmp_path):
     model = fit.model
-    pressed = altered(model, actuator=replace(model.actuator, pressure=np.full((5, 7), 3000.0)))
+    pressed = altered(
+        model, actuator=replace(model.data_of(Curvature).tests, pressure=np.full((5, 7), 3000.0))
+    )
     write_deformed(
         RunFolder(tmp_path), replace(fit, model=pressed), TWO_CHAMBERS, resolution=COARSEST
     )

@@ -16,6 +16,8 @@ from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.sampling import EFFORTS, Chain
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.pipeline import judge as judging
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_of
@@ -52,7 +54,14 @@ def model_with(**effect):
     model = altered(model, base=with_priors(model.base, known), forward=trained())
     active = model.extended(*(find(name.split(".")[0]) for name in effect))
     values = values_of() | {name: np.array([size]) for name, size in effect.items()}
-    return model.with_readings(active.simulate(values, np.random.default_rng(4))[0])
+    return model.with_observations(
+        *data_of_actuators(
+            model.data_of(Curvature).tests.with_readings(
+                active.data_of(Curvature).drawn(active.tests(values), np.random.default_rng(4))[0]
+            ),
+            model.base,
+        )
+    )
 
 
 def fit_of(model, seed=0):

@@ -61,7 +61,7 @@ def test_films_alone_are_exactly_neo_hookean_and_as_likely_as_yeohs_limit(tmp_pa
     neo = assemble(with_keys(first, key, without=whole)).model
     yeoh = assemble(with_keys(second, "", without=whole)).model
     values = {name: np.array([TRUTH[name]]) for name in neo.table.names}
-    constants = neo.constants(values, np.array([0.0, 10.0]))
+    constants = neo.world.constants(values, np.array([0.0, 10.0]))
     assert constants.tolist() == [[[TRUTH["c1_at_0"], 0.0, 0.0]] * 2]
     limit = values | {"c2_ratio_at_0": np.zeros(1), "c3_at_0": np.full(1, 1e-12)}
     found = [
@@ -76,16 +76,16 @@ def test_films_of_a_degrading_study_are_neo_hookean_at_every_rate(tmp_path):
     study = study_in(tmp_path, text, without=FILMS_ALONE)
     model = assemble(study).model
     values = model.table.named(model.table.sample(np.random.default_rng(0), 5))
-    constants = model.constants(values, np.array([0.0, 12.5, 25.0, 30.0]))
+    constants = model.world.constants(values, np.array([0.0, 12.5, 25.0, 30.0]))
     assert (constants[..., 1:] == 0.0).all()
-    assert model.films_and_actuators.allows(values, np.array([0.0, 30.0])).any()
+    assert model.world.allows(values, np.array([0.0, 30.0])).any()
 
 
 def test_an_actuator_of_a_neo_hookean_solid_stiffens_as_little_as_emulators_know(tmp_path):
     study = with_keys(tmp_path, '[material]\nlaw = "neo_hookean"\n')
     model = assemble(study, emulator()).model
     values = model.table.named(model.table.sample(np.random.default_rng(0), 4))
-    c1, c2, c3 = np.moveaxis(model.constants(values, np.array([0.0])), -1, 0)
+    c1, c2, c3 = np.moveaxis(model.world.constants(values, np.array([0.0])), -1, 0)
     np.testing.assert_allclose(c3, LEAST_STIFFENING * c1)
     assert (c2 == 0.0).all()
     # with the largest second invariant of the prior, r = C1, M is C1 (1 + 1/(2√3))
@@ -107,7 +107,9 @@ def test_a_stored_neo_hookean_run_is_rebuilt_with_its_constants(tmp_path):
     again = _model(entry, {name: v[None] for name, v in values.items()}, emulator())
     level = np.array([0.0])
     np.testing.assert_allclose(
-        again.constants(values, level), model.constants(values, level), rtol=0.0
+        again.world.constants(values, level),
+        model.world.constants(values, level),
+        rtol=0.0,
     )
 
 
@@ -184,12 +186,12 @@ def test_a_vendors_modulus_is_a_datum_of_the_fresh_material(tmp_path):
     keys = "[vendor]\nmodulus_100 = { value = 900, sd = 90 }\nsource = 'data sheet'\n"
     study = with_keys(tmp_path, keys)
     (means,) = (one for one in outline(study).observations if isinstance(one, Means))
-    (one,) = means.statistics
+    (one,) = means.data_of(Means).statistics
     assert (one.quantity, one.degradation, one.dof) == ("modulus_100", 0.0, np.inf)
     assert (one.value, one.se) == pytest.approx((0.9, 0.09))
     model = assemble(study, emulator()).model
     values = model.table.named(model.table.sample(np.random.default_rng(0), 3))
-    expected = modulus_100(values, model.constants(values, np.array([0.0])))[:, 0]
+    expected = modulus_100(values, model.world.constants(values, np.array([0.0])))[:, 0]
     log_density = means.log_likelihood(model.tests(values))[:, 0]
     normal = -0.5 * ((0.9 - expected) / 0.09) ** 2 - np.log(0.09 * np.sqrt(2.0 * np.pi))
     np.testing.assert_allclose(log_density, normal)
@@ -204,7 +206,7 @@ def test_a_vendors_modulus_alone_makes_a_material(tmp_path):
     study = read_study(tmp_path)
     model, draws = calibrated(study)
     values = model.table.named(draws)
-    found = modulus_100(values, model.constants(values, np.array([0.0])))
+    found = modulus_100(values, model.world.constants(values, np.array([0.0])))
     assert float(np.mean(found)) == pytest.approx(2.0, abs=0.02)
 
 

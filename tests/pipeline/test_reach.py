@@ -74,7 +74,7 @@ def test_what_is_kept_ends_below_the_curve_of_the_films_material(ballooning):
     whole = assemble(ballooning).model
     values = {k: v[0] for k, v in whole.table.named(least_squares(whole)[None]).items()}
     named = {k: np.array([v]) for k, v in values.items()}
-    c1, c2, c3 = whole.constants(named, [0.0])[0].T
+    c1, c2, c3 = whole.world.constants(named, [0.0])[0].T
     scale, paper = np.cbrt(named["volume_ratio"]), named["paper_stiffness"]
     fresh = Inputs(np.array([1.0]), c1, c2, c3, scale, paper)
     limit = whole.world.forward.limit_pressure(fresh)

@@ -11,6 +11,7 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.inference.laplace import Evidence, approximate, evidence
 from bayesdeg.inference.model import CountedDensity, Refusals
 from bayesdeg.inference.sampling import Effort, sample
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run_record import emulator_facts, refusal_words
@@ -44,8 +45,10 @@ def test_refused_is_what_prior_and_stability_allow_and_the_emulator_does_not():
     with np.errstate(all="ignore"):
         values = table.named(vectors())
         allowed = np.isfinite(table.log_prior(vectors())) & model().allows(values)
-        status = model().curvature(values).status
-    outside = np.any((status == Status.OUTSIDE_TRAINING) & model().actuator.mask, axis=(1, 2))
+        status = model().data_of(Curvature).predicted(model().tests(values)).prediction.status
+    outside = np.any(
+        (status == Status.OUTSIDE_TRAINING) & model().data_of(Curvature).tests.mask, axis=(1, 2)
+    )
     # outside at the median of the specimens, or at their deviations alone
     assert 0 < np.sum(allowed & outside) <= counted.refusals.refused < np.sum(allowed)
     assert np.all(np.isfinite(density) == allowed)

@@ -9,6 +9,7 @@ from bayesdeg.criticism.checks.residuals import CurvatureFit
 from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.laplace import Evidence, Laplace
 from bayesdeg.inference.sampling import EFFORTS, Chain
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
@@ -53,7 +54,7 @@ def columns_of(name):
 
 
 def test_observations_are_every_reading_beside_its_prediction(model):
-    mean = model.curvature(values_of()).curvature[0]
+    mean = model.data_of(Curvature).predicted(model.tests(values_of())).prediction.curvature[0]
     table = writing.observations(model, "base", CurvatureFit(mean, mean - 1.0, mean + 1.0))
     assert set(table.columns) >= columns_of("observations")
     assert len(table) == 9  # 3 specimens, 3 pressures above zero

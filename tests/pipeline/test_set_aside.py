@@ -11,6 +11,7 @@ from bayesdeg.criticism.checks.suspects import Anomaly, Irregularity, Suspect
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.data.settings import SuspectOptions
 from bayesdeg.data.study import read_study
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline import experiment, run
 from bayesdeg.pipeline import suspects as screening
@@ -64,7 +65,7 @@ def test_nobody_is_looked_for_unless_the_study_says_so(study, monkeypatch):
     assert not read_study(STUDY).settings.set_aside
     assembly = assemble_screened(wrong)
     assert (assembly.aside, assembly.study, assembly.whole) == ((), None, None)
-    assert "A10-2" in assembly.model.actuator.specimens
+    assert "A10-2" in assembly.model.data_of(Curvature).tests.specimens
 
 
 def test_no_table_of_suspects_is_written_unless_the_study_says_so(study):
@@ -83,7 +84,10 @@ def test_nothing_of_the_study_of_the_readme_is_set_aside(study):
     assembly = assemble_screened(study)
     assert assembly.aside == ()
     assert assembly.study is None
-    assert len(assembly.model.actuator.specimens) == study.actuator["specimen_id"].nunique()
+    assert (
+        len(assembly.model.data_of(Curvature).tests.specimens)
+        == study.actuator["specimen_id"].nunique()
+    )
 
 
 @pytest.mark.slow
@@ -93,7 +97,7 @@ def test_a_specimen_that_the_others_contradict_takes_no_part(study, change, oddi
     assembly = assemble_screened(wrong)
     [one] = assembly.aside
     assert (one.table, one.specimens, one.is_out) == ("actuator", ("A10-2",), True)
-    assert "A10-2" not in assembly.model.actuator.specimens
+    assert "A10-2" not in assembly.model.data_of(Curvature).tests.specimens
     assert assembly.whole is wrong
     others = study.actuator[study.actuator["specimen_id"] != "A10-2"]
     assert len(assembly.study.actuator) == len(others)

@@ -9,6 +9,7 @@ import pytest
 
 import bayesdeg as bd
 from bayesdeg.cli import INPUT_FAULT
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.update import ANEW, default_target
@@ -30,10 +31,11 @@ HEAD = "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_pe
 def new_specimen():
     """Rows of a further specimen, as those of the study were drawn."""
     active = model()
-    drawn = active.simulate(
-        active.table.named(active.table.vectors(_truth(active))), np.random.default_rng(9)
+    drawn = active.data_of(Curvature).drawn(
+        active.tests(active.table.named(active.table.vectors(_truth(active)))),
+        np.random.default_rng(9),
     )[0]
-    curves = active.actuator
+    curves = active.data_of(Curvature).tests
     rows = [
         f"n1,{curves.degradation[1, 0]},0.0,{curves.pressure[1, j]},{drawn[1, j]}"
         for j in np.flatnonzero(curves.mask[1])

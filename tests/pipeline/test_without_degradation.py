@@ -63,7 +63,7 @@ def asked_of(model, count=3):
 
     model = model.with_world(forward=forward)
     values = model.table.named(model.table.sample(np.random.default_rng(0), count))
-    model.predict(values)
+    model.data_of(Curvature).predicted(model.tests(values))
     return values, calls
 
 
@@ -128,12 +128,12 @@ def test_a_cause_of_degradation_that_a_study_asks_for_is_not_judged(tmp_path):
 def test_the_common_error_of_the_emulator_has_unit_variance_without_degradation(tmp_path):
     model = assemble(fresh_study(tmp_path), emulator()).model
     (tests,) = model.of_kind(Curvature)
-    pressure = np.linspace(0.0, model.largest_pressure, 2001)[None]
+    pressure = np.linspace(0.0, model.world.largest_pressure, 2001)[None]
     names = ("emulator_error_level", "emulator_error_pressure")
     variance = np.zeros(pressure.shape)
     for name in names:
         values = {other: np.array([float(other == name)]) for other in names}
-        curves = replace(tests.curves, pressure=pressure, degradation=np.zeros((1, 1)))
+        curves = replace(tests.tests, pressure=pressure, degradation=np.zeros((1, 1)))
         variance += common_error(State(values, model.world), curves)[0] ** 2
     assert np.mean(variance) == pytest.approx(1.0, abs=1e-3)
 

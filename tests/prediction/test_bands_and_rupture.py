@@ -7,6 +7,7 @@ from scipy.stats import norm
 from bayesdeg.causes.catalogue import find
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.prediction.predictive import (
     QUANTILES,
     at_conditions,
@@ -46,10 +47,10 @@ def rupture_of(model, chain, **changes):
 
 def test_conditions_are_one_specimen_a_level_with_known_degradation(model):
     grid = at_conditions(model, LEVELS, PRESSURES)
-    assert grid.actuator.mask.shape == (3, 5)
-    assert grid.actuator.mask.all()
-    assert not grid.actuator.degradation_sd.any()
-    assert grid.actuator.degradation[:, 0].tolist() == LEVELS.tolist()
+    assert grid.data_of(Curvature).tests.mask.shape == (3, 5)
+    assert grid.data_of(Curvature).tests.mask.all()
+    assert not grid.data_of(Curvature).tests.degradation_sd.any()
+    assert grid.data_of(Curvature).tests.degradation[:, 0].tolist() == LEVELS.tolist()
     assert grid.base == model.base
 
 
@@ -81,7 +82,12 @@ def test_curvature_rises_with_pressure_and_falls_with_degradation(model):
 def test_bands_collapse_on_the_forward_map_without_scatter_and_posterior_width(model):
     chain = chain_at(model, stiffness_scatter=1e-9)
     bands = bands_of(model, chain)
-    exact = at_conditions(model, LEVELS, PRESSURES).curvature(values_of()).curvature[0]
+    exact = (
+        at_conditions(model, LEVELS, PRESSURES)
+        .data_of(Curvature)
+        .predicted(at_conditions(model, LEVELS, PRESSURES).tests(values_of()))
+        .prediction.curvature[0]
+    )
     for name in NAMES:
         np.testing.assert_allclose(bands[name], exact.ravel(), rtol=1e-6)
 
@@ -92,7 +98,7 @@ def test_width_of_the_band_is_that_of_the_scatter_of_stiffness(model):
         model, chain_at(model, stiffness_scatter=0.02), draws=8000, pressure=np.array([60.0])
     )
     grid = at_conditions(model, LEVELS, np.array([60.0]))
-    slope = grid.curvature(values_of()).slope[0, :, 0]
+    slope = grid.data_of(Curvature).predicted(grid.tests(values_of())).prediction.slope[0, :, 0]
     width = (bands["q95"] - bands["q05"]).to_numpy()
     np.testing.assert_allclose(width, 2.0 * norm.ppf(0.95) * 0.02 * slope, rtol=0.06)
 
@@ -113,7 +119,7 @@ def test_bands_are_shifted_by_the_common_error_of_the_emulator(model):
     }
     bands = bands_of(model, chain_at(model, stiffness_scatter=1e-9, **error))
     raw = raw_prediction(model, at_conditions(model, LEVELS, PRESSURES))
-    along = 2.0 * PRESSURES / model.largest_pressure - 1.0
+    along = 2.0 * PRESSURES / model.world.largest_pressure - 1.0
     across = 2.0 * LEVELS[:, None] / 25.0 - 1.0
     g = 1.5 / np.sqrt(3.0) - 0.7 * along + 0.4 * across
     expected = raw.curvature[0] + g * raw.sd[0]
@@ -132,7 +138,7 @@ def test_without_knowledge_of_the_common_error_the_band_is_as_wide_as_the_emulat
     chain = Chain(vectors[None, :, None], np.zeros((1, 6000, 1)), np.array([0.4]))
     bands = bands_of(model, chain, draws=6000, pressure=PRESSURES[1:])
     raw = raw_prediction(model, at_conditions(model, LEVELS, PRESSURES[1:]))
-    along = 2.0 * PRESSURES[1:] / model.largest_pressure - 1.0
+    along = 2.0 * PRESSURES[1:] / model.world.largest_pressure - 1.0
     across = 2.0 * LEVELS[:, None] / 25.0 - 1.0
     sd = np.sqrt(1.0 / 3.0 + along**2 + across**2) * raw.sd[0]
     width = (bands["q95"] - bands["q05"]).to_numpy()
@@ -157,7 +163,10 @@ def test_a_map_without_an_error_of_its_own_has_none_in_the_bands(model):
 
 def test_bands_of_curvature_do_not_need_bend_angles(model):
     """They are those of the calibrated model, whether angles were read or not."""
-    without = replace(model.actuator, angle_mask=np.zeros_like(model.actuator.angle_mask))
+    without = replace(
+        model.data_of(Curvature).tests,
+        angle_mask=np.zeros_like(model.data_of(Curvature).tests.angle_mask),
+    )
     chain = chain_at(model)
     assert bands_of(altered(model, actuator=without), chain).equals(bands_of(model, chain))
 
@@ -205,7 +214,7 @@ def test_rupture_is_that_of_a_lognormal_limit(model):
     }
     table = rupture_of(model, chain_at(model, **changes), degradation=np.array([0.0]))
     grid = at_conditions(model, np.array([0.0]), PRESSURES)
-    prediction = grid.curvature(values_of())
+    prediction = grid.data_of(Curvature).predicted(grid.tests(values_of())).prediction
     stretch = prediction.peak_stretch[0, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.nan_to_num(prediction.peak_stretch_sd[0, 0] / (stretch - 1.0))
@@ -226,7 +235,14 @@ def test_scatter_of_stiffness_is_averaged_as_many_draws_would(model):
     count = 20_000
     values = values_of(TRUTH | changes, count)
     generator = np.random.default_rng(3)
-    stretch = grid.curvature(values, grid.draw_deviation(values, generator)).peak_stretch[:, 0, 0]
+    stretch = (
+        grid.data_of(Curvature)
+        .predicted(
+            grid.tests(values),
+            grid.data_of(Curvature).drawn_deviations(grid.tests(values), generator),
+        )
+        .prediction.peak_stretch[:, 0, 0]
+    )
     limit = 0.22 * np.exp(0.2 * generator.standard_normal(count))
     assert table["probability"][0] == pytest.approx(np.mean(stretch - 1.0 > limit), abs=0.015)
     assert 0.02 < table["probability"][0] < 0.98

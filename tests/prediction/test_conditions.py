@@ -11,7 +11,8 @@ from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.observations.curvature import ActuatorCurves
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import control
 from bayesdeg.prediction.predictive import (
@@ -93,15 +94,19 @@ def test_a_prompt_first_loading_gives_the_numbers_it_gave_before_there_were_cond
         humidity=np.full(shape, np.nan),
         mount=np.full(shape, "horizontal"),
     )
-    written = model.of_actuators(curves)
+    written = model.with_observations(*data_of_actuators(curves, model.base))
     generator = np.random.default_rng(3)
     values = draw_values(model, chain, generator, 50)
-    deviation = written.draw_deviation(values, generator)
-    expected = np.quantile(written.curvature(values, deviation).curvature, QUANTILES, axis=0)
+    deviation = written.data_of(Curvature).drawn_deviations(written.tests(values), generator)
+    expected = np.quantile(
+        written.data_of(Curvature).predicted(written.tests(values), deviation).prediction.curvature,
+        QUANTILES,
+        axis=0,
+    )
     asked = {"degradation": LEVELS, "pressure": PRESSURES, "draws": 50}
     found = curvature_bands(model, chain, np.random.default_rng(3), **asked, conditions=PROMPT)
     assert np.array_equal(found[BANDS].to_numpy().T, expected.reshape(5, 6))
-    own = at_conditions(model, LEVELS, PRESSURES).actuator
+    own = at_conditions(model, LEVELS, PRESSURES).data_of(Curvature).tests
     for name in ("pressure", "time", "cycle", "branch", "humidity", "mount", "degradation_sd"):
         np.testing.assert_array_equal(getattr(own, name), getattr(curves, name))
 
@@ -384,7 +389,7 @@ def test_an_uncertain_degradation_widens_bands_by_its_share_of_the_stiffness(sur
             conditions=ServiceConditions(degradation_sd=sd),
         )
         widths.append(np.log(bands["q95"][0] / bands["q05"][0]))
-    sensitivity = model.material(values_of(), at).sensitivity[0, 0]
+    sensitivity = model.world.material(values_of(), at).sensitivity[0, 0]
     scatter = TRUTH["stiffness_scatter"]
     expected = np.hypot(scatter, sensitivity) / scatter
     assert widths[1] / widths[0] == pytest.approx(expected, rel=0.02)

@@ -6,7 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.counts import CountedTests, RuptureCounts
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.means import Means
 from bayesdeg.prediction.predictive import (
     fewest_checks,
     not_below,
@@ -29,10 +32,10 @@ def counts(tested):
 
 def test_films_actuators_and_counts_are_what_knows_of_rupture():
     model = small_model()
-    films = len(model.breaks.specimens)
-    means = [s for s in model.statistics if s.quantity == "elongation_at_break"]
+    films = len(model.data_of(Breaks).table.specimens)
+    means = [s for s in model.data_of(Means).statistics if s.quantity == "elongation_at_break"]
     published = sum(round(s.dof) + 1 for s in means if np.isfinite(s.dof))
-    own = films + published + len(model.actuator.specimens)
+    own = films + published + len(model.data_of(Curvature).tests.specimens)
     assert specimens_tested(model) == own
     assert specimens_tested(model.with_observations(counts(18.0))) == own + 18
     assert specimens_tested(altered(model, actuator=None, breaks=None)) == published

@@ -46,7 +46,7 @@ def life(*, scatter=STILL, duty=None, draws=20, strata=6, ceiling=np.inf, **chan
 def c1_after(hours):
     model = small_model()
     rate = LIMIT * -np.expm1(-np.asarray(hours, float) / TIME_CONSTANT)
-    return model.constants(values_of(), np.atleast_1d(rate))[0, :, 0]
+    return model.world.constants(values_of(), np.atleast_1d(rate))[0, :, 0]
 
 
 def curvature_after(hours, pressure=PRESSURE):
@@ -88,7 +88,7 @@ def test_lifetimes_spread_as_the_films_do():
 
 
 def _c1_at(rate):
-    return small_model().constants(values_of(), np.array([rate]))[0, 0, 0]
+    return small_model().world.constants(values_of(), np.array([rate]))[0, 0, 0]
 
 
 def test_what_has_burst_stays_burst():

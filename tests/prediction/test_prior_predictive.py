@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.tensile import Tensile
 from bayesdeg.prediction.prior_predictive import PriorPredictive, prior_predictive
 from bayesdeg.priors import HalfNormal, LogNormal, TruncatedNormal, with_priors
 from tests.inference.small_study import altered, small_model
@@ -40,7 +42,7 @@ def predicted(model, seed=0):
 def at_zero(model, **laws):
     """The model with priors at 0 %, and films at 0 % alone."""
     tensile = replace(
-        model.tensile,
+        model.data_of(Tensile).tests,
         modes=("uniaxial",) * 4,
         degradation=np.zeros(4),
         degradation_sd=np.zeros(4),
@@ -83,7 +85,9 @@ def test_the_share_of_answers_is_the_prior_probability_of_what_is_answered(model
     """Only C1 ≥ 0.3 is answered, the median of its prior without degradation."""
     laws = {"c1_at_0": LogNormal(0.3, 0.4), "stiffness_scatter": HalfNormal(1e-9)}
     refusing = altered(
-        model, base=with_priors(model.base, laws), forward=StiffOnly(model.forward, 0.3)
+        model,
+        base=with_priors(model.base, laws),
+        forward=StiffOnly(model.world.forward, 0.3),
     )
     everywhere = predicted(model).table
     found = predicted(refusing)
@@ -95,7 +99,7 @@ def test_the_share_of_answers_is_the_prior_probability_of_what_is_answered(model
 
 
 def test_a_quantile_of_few_answers_is_left_out(model):
-    refusing = altered(model, forward=StiffOnly(model.forward, 1e3))
+    refusing = altered(model, forward=StiffOnly(model.world.forward, 1e3))
     table = predicted(refusing).table.query("quantity == 'curvature'")
     assert (table["answered"] == 0.0).all()
     assert table[["q05", "q50", "q95"]].isna().all(axis=None)
@@ -128,8 +132,14 @@ def test_readings_that_the_priors_exclude_are_said_to_be_outside(model, found):
     assert not found.contradicted
     absurd = altered(
         model,
-        tensile=replace(model.tensile, stress=np.where(model.tensile.mask, 1e3, 0.0)),
-        actuator=replace(model.actuator, curvature=np.where(model.actuator.mask, -500.0, 0.0)),
+        tensile=replace(
+            model.data_of(Tensile).tests,
+            stress=np.where(model.data_of(Tensile).tests.mask, 1e3, 0.0),
+        ),
+        actuator=replace(
+            model.data_of(Curvature).tests,
+            curvature=np.where(model.data_of(Curvature).tests.mask, -500.0, 0.0),
+        ),
     )
     outside = predicted(absurd)
     assert (outside.inside_curvature, outside.inside_stress) == (0.0, 0.0)

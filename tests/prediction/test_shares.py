@@ -11,6 +11,8 @@ from scipy.stats import norm, sobol_indices
 from bayesdeg.causes.catalogue import find
 from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.prediction.shares import (
     Quadratic,
@@ -172,9 +174,14 @@ def test_shares_are_those_of_brute_force_with_each_source_alone(model):
     def variance(kept, *, scattered):
         chain = chain_of(model, {n: w for n, w in widths.items() if n in kept})
         values = model.table.named(chain.vectors.reshape(-1, len(model.table)))
-        scatter = grid.deviation_sd(values)
+        scatter = grid.data_of(Curvature).deviation_sd(grid.tests(values))
         own = np.random.default_rng(8).standard_normal((len(scatter), 1, 1))
-        return grid.curvature(values, scattered * scatter * own).curvature[..., 0].var(axis=0)
+        return (
+            grid.data_of(Curvature)
+            .predicted(grid.tests(values), scattered * scatter * own)
+            .prediction.curvature[..., 0]
+            .var(axis=0)
+        )
 
     alone = {
         "paper": variance(["paper_stiffness"], scattered=0.0),
@@ -193,7 +200,11 @@ def test_the_error_of_reading_has_its_closed_share(model):
     table = shares_of(model, chain_of(model, {}))
     grid = at_conditions(model, LEVELS, PRESSURES)
     chain = chain_of(model, {}, count=1)
-    curvature = grid.curvature(model.table.named(chain.vectors[0, 0])).curvature[0]
+    curvature = (
+        grid.data_of(Curvature)
+        .predicted(grid.tests(model.table.named(chain.vectors[0, 0])))
+        .prediction.curvature[0]
+    )
     truth = values_of(TRUTH)
     sd = np.hypot(truth["curvature_noise_floor"], truth["curvature_noise"] * curvature).ravel()
     reading = table[table["source"] == "reading"]
@@ -205,8 +216,10 @@ def test_the_error_of_reading_has_its_closed_share(model):
 
 
 def test_a_rate_that_is_known_exactly_has_no_share(model):
-    curves = model.actuator
-    exact = model.of_actuators(replace(curves, degradation_sd=0.0 * curves.degradation_sd))
+    curves = model.data_of(Curvature).tests
+    exact = model.with_observations(
+        *data_of_actuators(replace(curves, degradation_sd=0.0 * curves.degradation_sd), model.base)
+    )
     table = shares_of(exact, chain_of(exact, {"stiffness_scatter": 0.1}))
     assert np.all(np.abs(table.loc[table["source"] == "degradation", "share"]) < 1e-5)
 

@@ -28,9 +28,11 @@ from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel, near_films, replicate
+from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.means import Means
 from bayesdeg.observations.noise import sequential
-from bayesdeg.observations.published import of_tests, published_tests
+from bayesdeg.observations.published import RSquared, of_tests, published_tests
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.judge import judge_model
@@ -172,7 +174,7 @@ class Folder(Adapter):
         return _typical(self.causes, name)
 
     def mode(self, generator: np.random.Generator) -> tuple[Floats, Floats]:
-        films = self.model.tensile is not None
+        films = self.model.of_kind(Tensile)
         start = near_films(self.model, generator) if films else None
         found = approximate(self.model, generator, start=start)
         return found.mode, found.covariance
@@ -192,7 +194,7 @@ class Folder(Adapter):
         state, parts = self.model.state(self.named(vectors)), []
         for kind in (Tensile, Curvature):
             for one in self.model.of_kind(kind):
-                parts.append(sequential(one.linearised(state))[:, one.curves.paths.mask])
+                parts.append(sequential(one.linearised(state))[:, one.tests.paths.mask])
         return self._of_readings(np.concatenate(parts, axis=1)) if parts else None
 
     def expected(self, vectors: Floats) -> Block | None:
@@ -207,23 +209,25 @@ class Folder(Adapter):
         return self._of_readings(self._subject.simulated(vectors, generator))
 
     def replicated(self, vector: Floats, seed: int) -> Block | None:
-        if self.model.published is not None:
+        if self.model.of_kind(RSquared):
             return None
         values, generator = self.named(vector[None]), np.random.default_rng(seed)
         new, parts = replicate(self.model, values, generator), []
-        if new.tensile is not None:
-            total = new.tensile.stress.sum(axis=1)
+        if new.of_kind(Tensile):
+            total = new.data_of(Tensile).tests.stress.sum(axis=1)
             parts.append(
                 labelled((("tensile", *s) for s in self._specimens("tensile")), total[None])
             )
-        if new.actuator is not None:
-            parts += _totals(new.actuator)
-        if new.breaks is not None:
+        if new.of_kind(Curvature):
+            parts += _totals(new.data_of(Curvature).tests)
+        if new.of_kind(Breaks):
             broken = [("breaks", *one) for one in self._specimens("breaks")]
-            parts.append(labelled(broken, new.breaks.elongation[None]))
-        if new.statistics:
+            parts.append(labelled(broken, new.data_of(Breaks).table.elongation[None]))
+        if new.data_of(Means).statistics:
             means = [("statistics", *one) for one in self._specimens("statistics")]
-            parts.append(labelled(means, np.array([[s.value for s in new.statistics]])))
+            parts.append(
+                labelled(means, np.array([[s.value for s in new.data_of(Means).statistics]]))
+            )
         return joined(parts)
 
     @property
@@ -241,15 +245,26 @@ class Folder(Adapter):
         """Return specimen and condition of what a block of the log likelihood is of."""
         model = self.model
         if kind == "tensile":
-            assert model.tensile is not None
-            return list(zip(model.tensile.specimens, model.tensile.modes, strict=True))
+            assert model.of_kind(Tensile)
+            return list(
+                zip(
+                    model.data_of(Tensile).tests.specimens,
+                    model.data_of(Tensile).tests.modes,
+                    strict=True,
+                )
+            )
         if kind == "statistics":
-            return [(f"{s.quantity} at {s.degradation:g} %", s.source) for s in model.statistics]
+            return [
+                (f"{s.quantity} at {s.degradation:g} %", s.source)
+                for s in model.data_of(Means).statistics
+            ]
         if kind in ("r_squared", "ruptures"):
-            assert model.published is not None
-            levels = model.published.degradation[model.published.given(kind)]
+            assert model.of_kind(RSquared)
+            levels = model.data_of(RSquared).tests.degradation[
+                model.data_of(RSquared).tests.given(kind)
+            ]
             return [(f"{level:g} %", "") for level in levels]
-        data = model.breaks if kind == "breaks" else model.actuator
+        data = model.data_of(Breaks).table if kind == "breaks" else model.data_of(Curvature).tests
         assert data is not None
         return [(specimen, "") for specimen in data.specimens]
 

@@ -27,6 +27,7 @@ Angelis (2013), doi:10.1214/13-STS426, for conflicts at a node that is split; Ev
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ from bayesdeg.criticism.fit.trials import BENT, CandidateFit
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, approximate
 from bayesdeg.inference.model import JointModel
+from bayesdeg.observations.means import Means
 from bayesdeg.priors import Flat, Parameter
 
 Floats = NDArray[np.float64]
@@ -184,7 +186,8 @@ def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
     points = vector + STEP * np.vstack([np.zeros(len(vector)), np.eye(len(vector))])
     values = model.table.named(points)
     found: dict[str, Measured] = {}
-    for mean, expected in model.compared(values):
+    compared = [one.compared(model.state(values)) for one in model.of_kind(Means)]
+    for mean, expected in chain.from_iterable(compared):
         changes = expected[1:] - expected[0]
         moving = np.flatnonzero(np.abs(changes) > UNMOVED * np.abs(expected[0]))
         if len(moving) != 1:

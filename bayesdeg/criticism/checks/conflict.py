@@ -14,7 +14,7 @@ from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.findings import Conflict, Questioned
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.means import Statistic
+from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.priors import Distribution, Flat, Parameter
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,8 @@ def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
     and data; Student's law is that of a mean of few replicates.
     """
     values = model.table.named(vectors)
-    found = [_of(*one) for one in model.compared(values)]
+    state = model.state(values)
+    found = [_of(*pair) for one in model.of_kind(Means) for pair in one.compared(state)]
     if not found:
         return None
     worst = min(found, key=lambda one: one.p_value)

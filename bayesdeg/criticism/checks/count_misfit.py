@@ -30,7 +30,8 @@ from bayesdeg.observations.counts import (
     counted_by_level,
     log_count,
 )
-from bayesdeg.observations.specimens import OF_ACTUATORS
+from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.specimens import OF_ACTUATORS, has_elongation
 
 Floats = NDArray[np.float64]
 
@@ -226,9 +227,13 @@ class CountLaw(NamedTuple):
 
 def can_be_counted(model: JointModel) -> bool:
     """Return whether a model predicts ruptures: it has actuators and an elongation limit."""
-    return not OF_ACTUATORS.isdisjoint(model.table.names) and model.has_elongation
+    return not OF_ACTUATORS.isdisjoint(model.table.names) and has_elongation(model.base)
 
 
 def own_counts(model: JointModel) -> RuptureCounts | None:
     """Return the number of a study's own actuators that burst, by level; None without actuators."""
-    return None if model.actuator is None else RuptureCounts(counted_by_level(model.actuator))
+    return (
+        None
+        if not model.of_kind(Curvature)
+        else RuptureCounts(counted_by_level(model.data_of(Curvature).tests))
+    )

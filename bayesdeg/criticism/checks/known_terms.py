@@ -41,7 +41,7 @@ from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
 from bayesdeg.observations.kinds import Places
-from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.observations.specimens import FilmsAndActuators, young_modulus
 from bayesdeg.observations.tensile import FILM, STRESS
 
 Floats = NDArray[np.float64]
@@ -495,7 +495,11 @@ def _modulus(linear: Linear, places: Places) -> Floats | None:
     if places.family[0] != ACTUATOR or not isinstance(model.world, FilmsAndActuators):
         return None
     rates, place = np.unique(places.level, return_inverse=True)
-    moduli = model.young_modulus(model.table.named(linear.mode[None]), rates)[0]
+    moduli = young_modulus(
+        model.table.named(linear.mode[None]),
+        model.world.constants(model.table.named(linear.mode[None]), rates),
+        model.causes,
+    )[0]
     return np.asarray(moduli[place])
 
 

@@ -35,7 +35,7 @@ from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.material.degradation import LEVEL_WIDTH, levels
-from bayesdeg.observations.curvature import ACTUATOR
+from bayesdeg.observations.curvature import ACTUATOR, Curvature
 from bayesdeg.observations.kinds import Labels, Places
 from bayesdeg.observations.tensile import STRESS
 
@@ -65,8 +65,13 @@ def predict_readings(
     """Return posterior predictions at the conditions of the data; nan if no draw has any."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[generator.integers(len(flat), size=draws)])
-    mean = _known(model.curvature(values).curvature, partial(np.nanmean, axis=0))
-    read = model.simulate_curvature(values, generator)
+    mean = _known(
+        model.data_of(Curvature).predicted(model.tests(values)).prediction.curvature,
+        partial(np.nanmean, axis=0),
+    )
+    read = model.data_of(Curvature).drawn(model.tests(values), generator)[
+        ..., : model.data_of(Curvature).tests.pressure.shape[1]
+    ]
     low, high = _known(read, partial(np.nanquantile, q=[0.05, 0.95], axis=0))
     return CurvatureFit(mean, low, high)
 
@@ -98,8 +103,7 @@ def level_table(
 
     Columns: ``degradation_pct``, ``n``, ``r_squared``, ``rms_per_m``, ``published_r_squared``.
     """
-    assert model.actuator is not None
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     centres, member = levels(data.degradation[:, 0])
     rows = []
     for k, centre in enumerate(centres):
@@ -114,9 +118,8 @@ def level_table(
 def _level_row(
     label: str, model: JointModel, fit: CurvatureFit, rows: NDArray[np.bool_], published: float
 ) -> dict[str, object]:
-    assert model.actuator is not None
-    mask = model.actuator.mask & rows[:, None]
-    measured, predicted = model.actuator.curvature[mask], fit.mean[mask]
+    mask = model.data_of(Curvature).tests.mask & rows[:, None]
+    measured, predicted = model.data_of(Curvature).tests.curvature[mask], fit.mean[mask]
     return {
         "degradation_pct": label,
         "n": int(mask.sum()),
@@ -208,8 +211,7 @@ def where(model: JointModel, residual: Floats, noise: float) -> CurvatureDepartu
     CurvatureDeparture or None
         Of the readings that can be predicted; None if none can.
     """
-    assert model.actuator is not None
-    data = model.actuator
+    data = model.data_of(Curvature).tests
     known = data.mask & np.isfinite(residual)
     if not known.any():
         return None

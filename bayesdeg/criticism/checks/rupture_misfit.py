@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.findings import RuptureMisfit
 from bayesdeg.inference.model import JointModel, replicate
+from bayesdeg.observations.rupture import Rupture
 
 Floats = NDArray[np.float64]
 
@@ -61,11 +62,10 @@ def _deviances(model: JointModel, vectors: Floats) -> Floats:
     """Return −2 ln of the ruptures' probability, (k,), ignoring nan readings."""
     with np.errstate(all="ignore"):
         state = model.state(model.table.named(vectors))
-        densities = [o.log_likelihood(state) for o in model.observations if o.events is not None]
+        densities = [o.log_likelihood(state) for o in model.of_kind(Rupture)]
         return np.asarray(-2.0 * np.sum(np.concatenate(densities, axis=1), axis=1))
 
 
 def _events(model: JointModel) -> int | None:
     """Return the number of specimens with an event; None if none is recorded."""
-    counts = [one.events for one in model.observations if one.events is not None]
-    return sum(counts) if counts else None
+    return next((one.events for one in model.of_kind(Rupture)), None)

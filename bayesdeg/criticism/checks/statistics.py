@@ -110,7 +110,7 @@ def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
         _slopes(bench),
         _hysteresis(bench),
         _time(bench),
-        *([_degradation(bench)] if linear.subject.degrades else []),
+        *([_degradation(bench)] if linear.subject.world.degrades else []),
         _scatter(bench),
         _angle(bench),
         _cycles(bench),
@@ -239,7 +239,7 @@ def _scatter(bench: Bench) -> ResidualStatistic:
 
 def _of_one_rate(linear: Linear) -> tuple[str, str, str]:
     """Return the words for specimens of one rate: empty if nothing degrades."""
-    if not linear.subject.degrades:
+    if not linear.subject.world.degrades:
         return "", "", ""
     rate = "one degradation rate"
     return f" of {rate}", " or misread degradation rates", f" at {rate}"

@@ -38,7 +38,7 @@ from bayesdeg.criticism.checks.discrepancy import discrepancy_roots
 from bayesdeg.criticism.fit.linear import Whitening, jacobian_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
-from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
+from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE, Curvature
 from bayesdeg.observations.kinds import Labels, Places
 from bayesdeg.observations.specimens import STIFFNESS_SCATTER
 from bayesdeg.observations.tensile import Tensile
@@ -570,13 +570,12 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
         for part in (known, deviations.spread - known)
     )
     residual: Floats = subject.observed - prediction
-    data = subject.actuator
-    if data is not None:
+    for one in subject.of_kind(Curvature):
         rows = np.isin(subject.places.kind, (CURVATURE, ANGLE)) & (
             subject.places.family == ACTUATOR
         )
-        linearised = subject.actuator_linearised(subject.table.named(vector[None]))
-        residual[rows] = linearised.residual[0][data.paths.mask]
+        linearised = one.linearised(subject.state(subject.table.named(vector[None])))
+        residual[rows] = linearised.residual[0][one.tests.paths.mask]
     return ReadingParts(
         residual,
         np.hstack([slopes, *_common(subject.places, prediction)]),

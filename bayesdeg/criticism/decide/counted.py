@@ -203,7 +203,7 @@ def judge_counts(
     told = _candidates(tried, generator)
     told.pop(COMMON_FACTOR.name)
     vectors = known[:OTHERS_DRAWS]
-    chosen = parent.subject.films_and_actuators.criterion
+    chosen = parent.subject.world.criterion
     others_say: dict[str, float] = {
         criterion: count_misfit(
             parent.subject.with_world(criterion=criterion), counts, vectors, generator, PUBLISHED

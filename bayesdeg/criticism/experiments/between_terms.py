@@ -33,7 +33,7 @@ from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.criticism.fit.trials import CandidateFit, try_causes
 from bayesdeg.material.degradation import LEVEL_WIDTH, levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
-from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.observations.specimens import FilmsAndActuators, young_modulus
 from bayesdeg.priors import Normal, Parameter
 
 Floats = NDArray[np.float64]
@@ -160,7 +160,11 @@ def term_cause(linear: Linear, term: KnownTerm, size: float) -> Cause:
     model = linear.subject
     places = model.places
     rates = np.unique(places.level[places.family == ACTUATOR])
-    moduli = model.young_modulus(model.table.named(linear.mode[None]), rates)[0]
+    moduli = young_modulus(
+        model.table.named(linear.mode[None]),
+        model.world.constants(model.table.named(linear.mode[None]), rates),
+        model.causes,
+    )[0]
     law = Normal(0.0, WIDE * max(abs(size), 1e-12))
     return Cause(
         name=term.formula,

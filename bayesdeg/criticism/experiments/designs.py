@@ -28,11 +28,11 @@ from bayesdeg.criticism.experiments.ranking import (
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.curvature import ActuatorCurves, Curvature
+from bayesdeg.observations.curvature import ActuatorCurves, Curvature, mechanics_inputs
 from bayesdeg.observations.pressures import PressureTests
 from bayesdeg.observations.specimens import PAPER_STIFFNESS, layer_stiffness, linear_scale
 from bayesdeg.observations.tensile import Tensile, TensileCurves
-from bayesdeg.observations.volume import CavityVolume, answered_volumes
+from bayesdeg.observations.volume import CavityVolume
 from bayesdeg.priors import Named, Parameter
 
 Floats = NDArray[np.float64]
@@ -345,7 +345,7 @@ class PartMeasurements:
         believed = applied("on_degradation", believed, conditions, causes)
         shape = (len(values["stiffness_scatter"]), len(self.degradation))
         level = np.broadcast_to(believed.value[..., 0], shape)
-        c1, c2, c3 = np.moveaxis(model.constants(values, level)[..., None], 2, 0)
+        c1, c2, c3 = np.moveaxis(model.world.constants(values, level)[..., None], 2, 0)
         plain = Inputs(
             pressure=self.pressure,
             c1=c1,
@@ -413,7 +413,7 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
     """
     found: list[Experiment] = []
     for tests in model.of_kind(Curvature):
-        design = ActuatorDesign.of(tests.curves)
+        design = ActuatorDesign.of(tests.tests)
         for level in dict.fromkeys((design.levels[0], design.levels[-1])):
             found += _histories(design, level)
             found += _finer(design, level)
@@ -424,7 +424,7 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
             found += _batches(design, level)
             found += _volumes(design, level, model)
     for films in model.of_kind(Tensile):
-        tested = FilmDesign.of(films.curves)
+        tested = FilmDesign.of(films.tests)
         for mode in [m for m in MODES if m not in tested.data.modes]:
             plan = ExperimentPlan(mode, tested.copies, (tested.level,))
             found.append(Experiment(plan, FilmTests(tested.curves(mode), tested.copies)))
@@ -476,7 +476,7 @@ def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
 
 def _at_levels(design: ActuatorDesign, model: JointModel) -> Iterator[Experiment]:
     """Yield tests at a further degradation rate, and one more specimen at each."""
-    new = design.another_level(model.nodes[-1])
+    new = design.another_level(model.world.nodes[-1])
     if new is not None:
         yield design.experiment("another level", design.curves([new], design.pressures(new)))
     levels = design.levels
@@ -530,7 +530,8 @@ def _volumes(design: ActuatorDesign, level: float, model: JointModel) -> Iterato
         curves.mask,
     )
     at_medians = {p.name: np.atleast_1d(p.law.quantile(0.5)) for p in model.table.parameters}
-    found = answered_volumes(model.tests(at_medians), tests, np.zeros((1, 1, 1)))
+    asked = mechanics_inputs(model.tests(at_medians), tests, np.zeros((1, 1, 1)))
+    found = model.world.forward(replace(asked, asked=CavityVolume.asks)).further
     if found is None or not np.isfinite(found.value).any():
         return
     read = np.broadcast_to(np.nan_to_num(found.value)[0], curves.mask.shape)

@@ -31,7 +31,7 @@ from bayesdeg.criticism.findings import ExperimentEntry, PairEntry
 from bayesdeg.criticism.fit.side_by_side import apply
 from bayesdeg.criticism.fit.trials import CandidateFit, with_sizes
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves, draw_readings
+from bayesdeg.observations.curvature import BEND_ANGLE, ActuatorCurves, Curvature, draw_readings
 from bayesdeg.observations.noise import Linearised, covariance
 from bayesdeg.observations.tensile import (
     TENSILE,
@@ -106,7 +106,7 @@ class ActuatorTests:
 
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return curvatures [1/m], then bend angles [°] expected."""
-        return model.of_actuators(self.curves).predict(values).mean
+        return Curvature(self.curves).predicted(model.tests(values)).mean
 
     def covariance(self, model: JointModel, values: Named) -> Floats:
         """Return their covariance, of specimens (linear in the stiffness) and errors."""
@@ -114,15 +114,15 @@ class ActuatorTests:
 
     def linearised(self, model: JointModel, values: Named) -> Linearised:
         """Linearise them at no deviation of the specimens' ln stiffness."""
-        tested = model.of_actuators(self.curves)
-        predicted = tested.predict(values)
+        tests, kind = model.tests(values), Curvature(self.curves)
+        predicted = kind.predicted(tests)
         length = values["curvature_noise_length"]
         with_angle = self.curves.with_angle
         return Linearised(
             np.zeros_like(predicted.mean),
             predicted.slope[..., None],
             predicted.variance,
-            tested.deviation_sd(values) ** 2,
+            kind.deviation_sd(tests) ** 2,
             length,
             values["reading_correlation"] if with_angle else np.zeros(len(length)),
             self.curves.paths,
@@ -130,7 +130,7 @@ class ActuatorTests:
 
     def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens."""
-        return model.of_actuators(self.curves).simulate(values, generator)
+        return Curvature(self.curves).drawn(model.tests(values), generator)
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.criticism.fit.linear import Linear, Whitening, columns_of, is_seen, linearise, rooted
 from bayesdeg.material.degradation import levels
+from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.kinds import Deviations
 
 Floats = NDArray[np.float64]
@@ -159,8 +160,8 @@ def _of_levels(linear: Linear, own: Deviations, read: Floats) -> Floats:
 
 def _of_conditions(linear: Linear, read: Floats) -> Floats:
     """Return the effects of a deviation of each batch, and of one with temperature."""
-    actuator = linear.subject.actuator
-    if actuator is None or read.shape[1] != len(actuator.specimens):
+    actuator = linear.subject.data_of(Curvature).tests
+    if not len(actuator.specimens) or read.shape[1] != len(actuator.specimens):
         return np.zeros((len(read), 0))
     tests = actuator.conditions
     batch = np.broadcast_to(tests.batch, tests.pressure.shape)[:, 0]

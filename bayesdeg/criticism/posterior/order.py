@@ -191,16 +191,16 @@ def compare_orders(
     """
     if not model.of_kind(Tensile):
         return None
-    used = films_alone(model, model.nodes)
+    used = films_alone(model, model.world.nodes)
     levels = [float(level) for one in used.observations for level in one.material_levels]
     by_order = {len(nodes) - 1: nodes for nodes in (nodes_for(levels, k) for k in orders)}
-    by_order[len(model.nodes) - 1] = model.nodes
+    by_order[len(model.world.nodes) - 1] = model.world.nodes
     if len(by_order) < 2:
         return None
     films = [films_alone(model, by_order[order]) for order in sorted(by_order)]
     apply = map if executor is None else executor.map
     fits = apply(fit_order, films, seed.spawn(len(films)))
-    return OrderComparison(tuple(fits), len(model.nodes) - 1)
+    return OrderComparison(tuple(fits), len(model.world.nodes) - 1)
 
 
 def films_alone(model: JointModel, nodes: Nodes) -> JointModel:
@@ -210,9 +210,9 @@ def films_alone(model: JointModel, nodes: Nodes) -> JointModel:
     """
     laws = {p.name: p.law for p in model.base}
     own = (p for p in model.base if p.name.startswith(("stiffness_scatter", "tensile_")))
-    moduli = tuple(s for s in model.statistics if s.quantity == "young_modulus")
+    moduli = tuple(s for s in model.data_of(Means).statistics if s.quantity == "young_modulus")
     data = (*model.of_kind(Tensile), *((Means(moduli),) if moduli else ()))
-    law = model.films_and_actuators.law
+    law = model.world.law
     parameters = with_priors(material_parameters(nodes, law=law), laws)
     return JointModel((*parameters, *own), data, FilmsAndActuators(nodes, law=law))
 
@@ -231,7 +231,7 @@ def fit_order(films: JointModel, seed: np.random.SeedSequence) -> OrderFit:
         elpd, pareto_k = np.full((2, count), np.nan)
         refitted = np.zeros(count, dtype=bool)
     return OrderFit(
-        order=len(films.nodes) - 1,
+        order=len(films.world.nodes) - 1,
         size=len(films.table),
         log_evidence=posterior.log_evidence if usable else float("nan"),
         error=posterior.error if usable else float("nan"),

@@ -118,14 +118,16 @@ def conclusions(model: JointModel, values: Named) -> dict[str, Floats]:
     """
     found: dict[str, Floats] = {}
     if isinstance(model.world, FilmsAndActuators):
-        c1 = model.constants(values, _ends(model.nodes))[..., 0]
-        found = _against_degradation("C1", c1, model.nodes, degrades=model.degrades)
+        c1 = model.world.constants(values, _ends(model.world.nodes))[..., 0]
+        found = _against_degradation("C1", c1, model.world.nodes, degrades=model.world.degrades)
     named = {"volume_ratio": "volume ratio", "paper_stiffness": "paper stiffness"}
     found |= {words: values[name] for name, words in named.items() if name in values}
     if "elongation_scatter" in values:
-        nodes = model.elongation_nodes
-        limit = model.elongation(values, _ends(nodes))
-        found |= _against_degradation("elongation limit", limit, nodes, degrades=model.degrades)
+        nodes = model.world.elongation_nodes
+        limit = model.world.elongation(values, _ends(nodes))
+        found |= _against_degradation(
+            "elongation limit", limit, nodes, degrades=model.world.degrades
+        )
     for cause in model.causes:
         for parameter in cause.parameters:
             words = f"{cause.name.replace('_', ' ')}: {parameter.name.replace('_', ' ')}"
