@@ -73,7 +73,6 @@ from bayesdeg.pipeline.emulation import (
     train_emulator,
 )
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.refinement import (
     LAST_ROUNDS,
     REFINING_ROUNDS,
@@ -84,6 +83,7 @@ from bayesdeg.pipeline.refinement import (
     refining_campaign,
 )
 from bayesdeg.pipeline.run_record import emulator_facts
+from bayesdeg.progress import Progress
 from bayesdeg.report.wording import fixed, percent, words
 
 RECIPE = Recipe()

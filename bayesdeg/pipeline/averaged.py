@@ -20,7 +20,7 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.judge import Judgement
-from bayesdeg.pipeline.posterior import Posterior
+from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.report.record import MemberEntry
 
 Floats = NDArray[np.float64]

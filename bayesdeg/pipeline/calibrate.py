@@ -22,7 +22,7 @@ from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, Laplace, appr
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, SamplerStatus, sample
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.progress import Progress
 from bayesdeg.report.checkpoints import Pieces, Stages
 
 

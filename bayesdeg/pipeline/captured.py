@@ -33,7 +33,7 @@ from bayesdeg.files import read_bytes, reason
 from bayesdeg.observations.markers import with_lines
 from bayesdeg.pipeline.c3d import Recording, is_readable, read_c3d
 from bayesdeg.pipeline.places import named_files
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.progress import Progress
 
 Floats = NDArray[np.float64]
 

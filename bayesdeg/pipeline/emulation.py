@@ -40,8 +40,8 @@ from bayesdeg.observations.force import HeldTip
 from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.reach import assemble_within_reach
+from bayesdeg.progress import Progress
 
 Floats = NDArray[np.float64]
 

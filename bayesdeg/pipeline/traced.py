@@ -31,7 +31,7 @@ from bayesdeg.photographs.picture import read_picture
 from bayesdeg.photographs.record import hash_of, marker_rows, recorded
 from bayesdeg.photographs.trace import LENGTH_AGREES, PHOTO_MB, PictureScale, trace
 from bayesdeg.pipeline.places import named_files, wrong_place
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.progress import Progress
 
 Floats = NDArray[np.float64]
 

@@ -50,18 +50,16 @@ from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.averaged import stored_form
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
-from bayesdeg.pipeline.experience import experience_of
-from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.judge import Description, Judgement
-from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
 from bayesdeg.pipeline.missing import columns_table, readings_table, terms_table
 from bayesdeg.pipeline.pictures import Picture, lines_on, paper_groups, pictures_of, write_pictures
-from bayesdeg.pipeline.posterior import Posterior
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
 from bayesdeg.pipeline.run_record import model_of
+from bayesdeg.pipeline.stored import model_document
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
-from bayesdeg.prediction.lifetime import Duty
+from bayesdeg.prediction.experience import experience_of
+from bayesdeg.prediction.lifetime import Duty, default_hours, life_table, lifetime_of
+from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.predictive import (
     Specimens,
     curvature_bands,
@@ -75,6 +73,7 @@ from bayesdeg.prediction.predictive import (
 )
 from bayesdeg.prediction.shares import curvature_shares, pressures_of
 from bayesdeg.prediction.soil import Soil
+from bayesdeg.progress import Silent
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     ADDED,
@@ -741,7 +740,7 @@ def _published_r_squared(study: Study) -> dict[float, float]:
 
 
 def _constants_table(found: TableSources) -> pd.DataFrame | None:
-    if found.results.assembly.own is not None:
+    if not found.results.assembly.is_of_actuators:
         return None
     fits = found.results.fits.items()
     return _joined([constants(fit, label, found.generator) for label, fit in fits])
@@ -1060,7 +1059,7 @@ BUILDS: Mapping[str, Build] = {
     columns.TENSILE: _tensile_table,
     columns.ELONGATION: lambda found: elongation(found.results.final, found.generator),
     columns.MEASURED: lambda found: (
-        None if found.results.assembly.own is not None else measured(found.study)
+        measured(found.study) if found.results.assembly.is_of_actuators else None
     ),
     columns.BANDS: _bands_table,
     columns.RUPTURE: _rupture_table,

@@ -17,8 +17,8 @@ from bayesdeg.photographs.plane import mapped
 from bayesdeg.photographs.record import trace_rows
 from bayesdeg.pipeline import traced
 from bayesdeg.pipeline.pictures import SIDE, lines_on, pictures_of, write_pictures
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.progress import Silent
 from bayesdeg.report.drawing import Shown
 from bayesdeg.report.folder import PICTURES, RunFolder
 from bayesdeg.report.page import FIGURES

@@ -1,4 +1,4 @@
-"""Progress reports of the pipeline."""
+"""Progress reports: what long work tells a display."""
 
 from typing import Protocol
 
