@@ -283,7 +283,7 @@ class Model:
             If there is none, or a name is unknown.
         """
         known = self.assembly
-        listed = [causes] if isinstance(causes, str) else causes
+        listed: Iterable[Cause | str] = [causes] if isinstance(causes, str) else causes
         wanted = known.candidates if causes == "all" else [self.cause(one) for one in listed]
         if not wanted and not self.is_of_actuators:
             raise BayesdegError(

@@ -73,7 +73,7 @@ class Command:
                 given[name] = group(**own)
             self.work(**given)
 
-        call.__signature__ = inspect.Signature(each)  # type: ignore[attr-defined]
+        vars(call)["__signature__"] = inspect.Signature(each)
         call.__annotations__ = {p.name: p.annotation for p in each}
         return call
 

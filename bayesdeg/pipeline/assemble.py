@@ -5,7 +5,7 @@ Errors in functions and causes of a study folder become faults that name file an
 
 import hashlib
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -139,7 +139,7 @@ class Assembly:
             return model
         return model.with_observations(self.counts)
 
-    def with_parameters(self, names: Iterable[str]) -> JointModel:
+    def with_parameters(self, names: Collection[str]) -> JointModel:
         """Return the model whose parameters have these names, with the causes that they belong to.
 
         Raises

@@ -245,8 +245,7 @@ def control(
         for curvature in wanted:
             one = setting_for(specimens, rates, curvature, risk=risk, first=first, allowed=allowed)
             known = not_below(one.probability, checks)
-            at = {"hours": level.hours, "rates": level.interval}
-            found.append(replace(one, probability=known, **at))
+            found.append(replace(one, probability=known, hours=level.hours, rates=level.interval))
         progress.advance(1, str(level) if len(levels) > 1 else "")
     set_to = np.array([s.pressure for s in found if np.isfinite(s.pressure)])
     allowed_at = {float(rate): one.allowed.pressure for one in found for rate in one.rates}
