@@ -1,4 +1,4 @@
-"""Progress reports: what long work tells a display."""
+"""Progress reports of long work."""
 
 from typing import Protocol
 
