@@ -174,21 +174,6 @@ def is_own(report: Path) -> bool:
     return report.is_dir() and bool(RunFolder(report).read_run().forward)
 
 
-def refuse_others(conditions: ServiceConditions, **given: object) -> None:
-    """Refuse options of actuators for a user's forward map."""
-    if conditions != PROMPT:
-        raise typer.BadParameter(
-            f"{', '.join(conditions.changed)} is only for actuators, not for a study with its own "
-            "forward map"
-        )
-    for name, value in given.items():
-        if value:
-            raise typer.BadParameter(
-                f"--{name} is only for actuators, not for a study with its own forward map; give "
-                "--x NAME=VALUES"
-            )
-
-
 def needed(given: Texts | None, option: str, **own_options: Texts | None) -> Texts:
     """Return the value of an option for actuators, which may not be missing.
 
@@ -234,9 +219,33 @@ def inputs_of(texts: Texts, wanted: Texts) -> dict[str, Floats]:
 
 
 def ask_own(
-    report: Path, asking: Asking, x: Texts | None, reading: Texts | None = None, *, inverse: bool
-) -> None:
-    """Predict with a user's forward map, or find the input for a reading, and print the answer."""
+    report: Path,
+    asking: Asking,
+    x: Texts | None,
+    reading: Texts | None = None,
+    *,
+    inverse: bool,
+    conditions: ServiceConditions,
+    **of_actuators: Texts | None,
+) -> bool:
+    """Answer with a user's forward map: predict, or find the input for a reading.
+
+    Returns False, with nothing done, for a run of films or actuators. Options of actuators are
+    refused.
+    """
+    if not is_own(report):
+        return False
+    if conditions != PROMPT:
+        raise typer.BadParameter(
+            f"{', '.join(conditions.changed)} is only for actuators, not for a study with its own "
+            "forward map"
+        )
+    for name, value in {**of_actuators, "cause": asking.cause}.items():
+        if value:
+            raise typer.BadParameter(
+                f"--{name} is only for actuators, not for a study with its own forward map; give "
+                "--x NAME=VALUES"
+            )
     stored = posterior_asked(report, asking)
     block = own.map_of(stored).readings[0]
     seed = seed_of(stored, asking)
@@ -266,6 +275,7 @@ def ask_own(
                 )
             )
         output().print(printed)
+    return True
 
 
 # ---- printing

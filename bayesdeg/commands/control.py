@@ -10,12 +10,10 @@ from bayesdeg.commands.answers import (
     ask_own,
     delivered,
     empty_table,
-    is_own,
     levels_of,
     needed,
     numbers,
     posterior_asked,
-    refuse_others,
     refuse_risk,
     refuse_too_many,
     seed_of,
@@ -55,10 +53,8 @@ def control(
 ) -> None:
     """Do what `interface.control` says."""
     conditions = service.conditions(degradation_sd)
-    if is_own(report):
-        others = {"curvature": curvature, "degradation": degradation, "hours": hours}
-        refuse_others(conditions, **others, cause=asking.cause)
-        ask_own(report, asking, x, reading, inverse=True)
+    others = {"curvature": curvature, "degradation": degradation, "hours": hours}
+    if ask_own(report, asking, x, reading, inverse=True, conditions=conditions, **others):
         return
     levels = levels_of(report, degradation, hours, asking.seed)
     given = needed(curvature, "--curvature", x=x, reading=reading)

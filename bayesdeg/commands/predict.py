@@ -10,12 +10,10 @@ from bayesdeg.commands.answers import (
     ask_own,
     delivered,
     empty_table,
-    is_own,
     levels_of,
     needed,
     numbers,
     posterior_asked,
-    refuse_others,
     refuse_too_many,
     seed_of,
 )
@@ -38,10 +36,8 @@ def predict(
 ) -> None:
     """Do what `interface.predict` says."""
     conditions = service.conditions(degradation_sd)
-    if is_own(report):
-        others = {"pressure": pressure, "degradation": degradation, "hours": hours}
-        refuse_others(conditions, **others, cause=asking.cause)
-        ask_own(report, asking, x, inverse=False)
+    others = {"pressure": pressure, "degradation": degradation, "hours": hours}
+    if ask_own(report, asking, x, inverse=False, conditions=conditions, **others):
         return
     given = needed(pressure, "--pressure", x=x)
     pressures = numbers(given, "--pressure", "kPa", low=0.0, high=np.inf)
