@@ -149,8 +149,8 @@ class Model:
         else:
             assembly = _assembled(self.data, cast(ForwardMap | None, self.forward))
         object.__setattr__(self, "assembly", assembly)
-        stated, none = self.causes, cast(tuple[Cause, ...], ())
-        object.__setattr__(self, "causes", none)
+        stated = self.causes
+        object.__setattr__(self, "causes", ())
         self._activate(map(self.cause, stated))
 
     def _activate(self, causes: Iterable[Cause]) -> None:
