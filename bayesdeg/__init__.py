@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from bayesdeg.errors import BayesdegError as BayesdegError
     from bayesdeg.errors import GeometryError as GeometryError
     from bayesdeg.errors import StudyError as StudyError
-    from bayesdeg.pipeline.formula import Readings as Readings
+    from bayesdeg.inference.own_map import Readings as Readings
     from bayesdeg.pipeline.reading import read_study as read_study
     from bayesdeg.prediction.conditions import ServiceConditions as ServiceConditions
     from bayesdeg.priors import HalfNormal as HalfNormal
@@ -72,7 +72,7 @@ _HOMES = {
     ),
     "data.settings": ("Dimensions",),
     "data.study": ("Study",),
-    "pipeline.formula": ("Readings",),
+    "inference.own_map": ("Readings",),
     "pipeline.reading": ("read_study",),
     "prediction.conditions": ("ServiceConditions",),
     "results": ("Calibration", "Model", "Report", "Verdict"),

@@ -36,26 +36,32 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import find, write_trained
 from bayesdeg.emulator.workers import kept_processes
 from bayesdeg.errors import BayesdegError, Stopped, use_one_of
-from bayesdeg.pipeline import forecast, own_forecast
-from bayesdeg.pipeline.lifetime import (
-    default_hours,
-    life_summary,
-    life_table,
-    lifetime_cautions,
-    lifetime_of,
-)
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.inference.sampling import EFFORTS as SAMPLING_EFFORTS
+from bayesdeg.pipeline.calibrate import base_of
+from bayesdeg.pipeline.calibrate import calibrate as calibrate_model
+from bayesdeg.pipeline.judge import extended_model
+from bayesdeg.pipeline.record import Results, forward_map_of
+from bayesdeg.pipeline.run import Streams, verdict_on
 from bayesdeg.pipeline.update import read_new
 from bayesdeg.pipeline.update import update as update_run
+from bayesdeg.prediction import forecast, own
+from bayesdeg.prediction import lifetime as lives
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
-from bayesdeg.prediction.lifetime import Duty
-from bayesdeg.prediction.soil import Level
+from bayesdeg.prediction.soil import Level, known_levels
+from bayesdeg.progress import Progress
 from bayesdeg.quantities import EFFORTS, Effort
+from bayesdeg.report.checkpoints import NoCheckpoints
+from bayesdeg.report.headline import forward_map_words
+from bayesdeg.report.tables import ALL_LEVELS
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict, write_run
 from bayesdeg.training import STORE, TrainingOptions, emulator_for, refuse_cells
 
 Floats = NDArray[np.float64]
 Causes = Literal["all"] | str | Iterable[Cause | str]
+
+MOST_OF_ONE_LEVEL = 2  # rows per model: its one level, and all levels pooled
+SCORED_FIRST = ("model", "level", "elpd", "elpd_se", "elpd_diff", "elpd_diff_se", "rmse", "crps")
+SCORED_ELSE = ("rmse_per_m", "crps_per_m")
 
 
 def emulator(
@@ -112,23 +118,18 @@ def emulator(
     )
     if isinstance(geometry, Study) and geometry.actuator is not None:
         refuse_cells(geometry.settings, options.backend)
-        with _work(False, workers, parallel=True) as (
-            _,
-            executor,
-        ):  # training shows its own progress
+        # training shows its own progress
+        with _work(False, workers, parallel=True) as (_, executor):
             try:
                 of_study = emulator_for(geometry, None, options=options, executor=executor)
             except Stopped as stop:
                 raise KeyboardInterrupt(str(stop)) from stop
         assert of_study is not None
         return of_study
-    return _of_whole_range(_moulded(geometry), options, workers, progress)
-
-
-def _of_whole_range(
-    shape: Moulded, options: TrainingOptions, workers: int | None, progress: bool | None
-) -> Surrogate:
-    """Return an emulator of the whole range; train it if there is none."""
+    if isinstance(geometry, Study):
+        shape: Moulded = geometry_of_study(geometry.settings)
+    else:
+        shape = geometry_of(geometry) if isinstance(geometry, AnyDimensions) else geometry
     refuse_whole_range(shape)
     found = find(shape, recipe=options.recipe, cache=options.cache)
     if found.surrogate is not None:
@@ -146,12 +147,6 @@ def _of_whole_range(
         trained = train_emulator(campaign, expectation, show)
     write_trained(found.path, trained)
     return trained
-
-
-def _moulded(given: AnyDimensions | Moulded | Study) -> Moulded:
-    if isinstance(given, Study):
-        return geometry_of_study(given.settings)
-    return geometry_of(given) if isinstance(given, AnyDimensions) else given
 
 
 def calibrate(
@@ -207,13 +202,28 @@ def calibrate(
     >>> round(float(fit.summary().loc["k", "mean"]), 1), fit.converged
     (2.0, True)
     """
-    experiment = _model(model).experiment
-    how, number = _effort(effort or experiment.effort), _seed(seed, experiment.seed)
-    begun = time.perf_counter()
-    _warn(experiment.map_cautions())
-    with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
-        fit = experiment.fit(how, number, show, executor)
-    _warn(experiment.map_cautions(fit))
+    if not isinstance(model, Model):
+        raise BayesdegError(f"calibrate needs a bayesdeg.Model, not {type(model).__name__}")
+    stated = model.settings
+    how, number = _effort(effort or stated.sampling.effort), _seed(seed, stated.seed)
+    begun, streams, extended = time.perf_counter(), Streams.of(number), None
+    if model.assembly.answers is not None:
+        _warn(forward_map_words(model.assembly.answers))
+    if model.judgement is not None:
+        extended = extended_model(model.judgement)
+    with _work(progress, workers, parallel=model.is_parallel) as (show, executor):
+        fit = calibrate_model(
+            model.density,
+            "final" if model.causes else "base",
+            effort=SAMPLING_EFFORTS[how],
+            seed=streams.final if model.causes else streams.base,
+            checkpoints=NoCheckpoints(),
+            progress=show,
+            executor=executor,
+            start=None if extended is None else extended[1],
+        )
+    failed = forward_map_of(Results(model.assembly, fit, fit, None))
+    _warn(() if failed is None else forward_map_words(failed))
     return Calibration(model, fit, how, number, round(time.perf_counter() - begun, 2))
 
 
@@ -254,12 +264,16 @@ def criticise(
     """
     fit = _calibration(base)
     how, number = _effort(effort or fit.effort), _seed(seed, fit.seed)
-    experiment = fit.model.experiment.with_candidates(causes)
-    begun = time.perf_counter()
-    with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
-        found = experiment.judge(fit.fit, how, number, show, executor)
-    tried = experiment.assembly.causes
-    return Verdict(fit.model, *found, tried, round(time.perf_counter() - begun, 2))
+    model, begun = fit.model, time.perf_counter()
+    assembly = model.with_candidates(causes)
+    if model.causes:
+        raise BayesdegError(
+            f"the model already has {', '.join(cause.name for cause in model.active)}, but only a "
+            "model without causes is judged: criticise the calibration of the base model"
+        )
+    with _work(progress, workers, parallel=model.is_parallel_with(assembly)) as (show, executor):
+        found = verdict_on(assembly, fit.fit, how, number, progress=show, executor=executor)
+    return Verdict(model, *found, assembly.causes, round(time.perf_counter() - begun, 2))
 
 
 def compare(
@@ -296,11 +310,10 @@ def compare(
     fits = {one.model.name: _calibration(one) for one in (base, *others)}
     if len(fits) <= len(others):
         raise BayesdegError("models to compare must differ in their causes")
-    experiment = base.model.experiment
-    parallel = all(one.model.experiment.is_parallel for one in fits.values())
+    parallel = all(one.model.is_parallel for one in fits.values())
     with _work(progress, workers, parallel=parallel) as (show, executor):
         show.stage("held-out specimens", total=float(len(fits)))
-        trials = [one.model.experiment.trial(one.fit) for one in fits.values()]
+        trials = [base_of(one.fit) for one in fits.values()]
         subject = trials[0].subject
         if not can_be_held_out(subject):
             raise BayesdegError(
@@ -309,10 +322,24 @@ def compare(
             )
         if any(not np.array_equal(t.subject.observed, subject.observed) for t in trials):
             raise BayesdegError("models that are compared must have the same readings")
-        number = _seed(seed, base.seed)
-        plans = (one_by_one(trial, experiment.folds(number)) for trial in trials)
+        number, of_actuators = _seed(seed, base.seed), base.model.is_of_actuators
+
+        def folds() -> np.random.SeedSequence:
+            """Return the seed with which a verdict holds out data."""
+            if of_actuators:
+                return Streams.of(number).verdict.spawn(3)[1]
+            return np.random.SeedSequence(number).spawn(2)[1]
+
+        plans = (one_by_one(trial, folds()) for trial in trials)
         found = run_folds(plans, executor, lambda _: show.advance(1))
-    return experiment.tidy(gain_table(subject, dict(zip(fits, found, strict=True))))
+    gain = gain_table(subject, dict(zip(fits, found, strict=True)))
+    if of_actuators:
+        return gain
+    # in the unit of the readings; a single level is the same as all levels
+    several = gain["degradation_pct"].nunique() > MOST_OF_ONE_LEVEL
+    rows = gain if several else gain[gain["degradation_pct"] == ALL_LEVELS]
+    plain = rows.rename(columns={"degradation_pct": "level"}).reset_index(drop=True)
+    return plain[[*SCORED_FIRST, *(n for n in plain if n not in (*SCORED_FIRST, *SCORED_ELSE))]]
 
 
 def predict(
@@ -364,24 +391,21 @@ def predict(
     BayesdegError
         If what the model needs is missing or out of range.
     """
-    experiment = _calibration(fit).model.experiment
+    number, others = _seed(seed, _calibration(fit).seed), (pressure, degradation, hours)
     with _work(progress, 1, parallel=False) as (show, _):
-        number = _seed(seed, fit.seed)
-        if experiment.own is not None:
-            if x is None or any(one is not None for one in (pressure, degradation, hours)):
+        if not fit.model.is_of_actuators:
+            if x is None or any(one is not None for one in others):
                 raise BayesdegError("a model with its own forward map requires x=...")
             show.stage("predicting")
-            return own_forecast.predict(fit.drawn, _inputs(x), forecast.answer_seed(number))
+            return _given(own.predict(fit.drawn, _inputs(x), number))
         if x is not None:
             raise BayesdegError("a model of a study requires pressure=... and degradation=...")
         pressures = _numbers(pressure, "pressure", "kPa")
         levels = _levels(fit, degradation, hours, number, show)
-        _warn(forecast.cautions(fit.drawn, levels, pressures, conditions))
-        return forecast.predict(
-            *(fit.drawn, levels, pressures),
-            seed=forecast.answer_seed(number),
-            progress=show,
-            conditions=conditions,
+        return _given(
+            forecast.predict(
+                *(fit.drawn, levels, pressures), seed=number, progress=show, conditions=conditions
+            )
         )
 
 
@@ -448,30 +472,32 @@ def control(
     BayesdegError
         If a value is out of range, or the model is not of actuators.
     """
-    experiment = _calibration(fit).model.experiment
-    if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(
-            f"max_risk {max_risk:g} is out of range; give a probability between 0 and 1"
-        )
-    if experiment.own is not None:
-        other = (curvature, degradation, hours)
-        return _control_own(fit, reading, x, _seed(seed, fit.seed), other)
+    number = _seed(seed, _calibration(fit).seed)
+    _refuse_risk(max_risk)
+    if not fit.model.is_of_actuators:
+        others = (curvature, degradation, hours)
+        if reading is None or x is None or any(one is not None for one in others):
+            raise BayesdegError(
+                "a model with its own forward map has no pressure and no curvature: use "
+                "control(fit, reading=..., x=...) with the wanted reading and the inputs to try"
+            )
+        values = np.atleast_1d(np.asarray(reading, dtype=np.float64))
+        if not np.all(np.isfinite(values)):
+            raise BayesdegError(f"reading must be finite numbers, not {reading}")
+        return _given(own.control(fit.drawn, values, _inputs(x), number))
     if reading is not None or x is not None:
         raise BayesdegError("a model of a study requires curvature=... and degradation=...")
     wanted = _numbers(curvature, "curvature", "1/m", low=np.nextafter(0.0, 1.0))
     with _work(progress, 1, parallel=False) as (show, _):
-        number, drawn = _seed(seed, fit.seed), fit.drawn
-        levels = _levels(fit, degradation, hours, number, show)
-        found = forecast.settings(
-            *(drawn, levels, wanted),
+        found = forecast.control(
+            *(fit.drawn, _levels(fit, degradation, hours, number, show), wanted),
             risk=max_risk,
-            seed=forecast.answer_seed(number),
+            beyond=beyond,
+            seed=number,
             progress=show,
             conditions=conditions,
-            experience=None if beyond else drawn.experience,
         )
-    _warn(forecast.setting_cautions(drawn, levels, found, conditions, beyond=beyond))
-    return forecast.settings_table(found)
+    return _given(found)
 
 
 def lifetime(
@@ -522,13 +548,9 @@ def lifetime(
     BayesdegError
         If a value is out of range, or the study has no course of degradation.
     """
-    experiment = _calibration(fit).model.experiment
-    if experiment.own is not None:
+    if not _calibration(fit).model.is_of_actuators:
         raise BayesdegError("a model with its own forward map has no lifetime in the soil")
-    if not 0.0 < max_risk < 1.0:
-        raise BayesdegError(
-            f"max_risk {max_risk:g} is out of range; give a probability between 0 and 1"
-        )
+    _refuse_risk(max_risk)
     above = np.nextafter(0.0, 1.0)
     at = _numbers(pressure, "pressure", "kPa", low=above)
     [wanted] = _numbers(curvature, "curvature", "1/m", low=above)[:1]
@@ -537,20 +559,32 @@ def lifetime(
         raise BayesdegError(
             f"hours {times[0]:g} is a single time, but a lifetime needs several; give at least two"
         )
-    duty = Duty(float(at[0]), float(wanted), max_risk)
     with _work(progress, 1, parallel=False) as (show, _):
-        soil, drawn = experiment.soil(fit.effort, fit.seed, show), fit.drawn
-        life = lifetime_of(
-            *(drawn, soil, duty, default_hours(drawn.measured) if times is None else times),
-            seed=forecast.answer_seed(_seed(seed, fit.seed)),
+        soil, drawn = fit.soil(show), fit.drawn
+        found = lives.lifetime(
+            *(drawn, soil, lives.Duty(float(at[0]), float(wanted), max_risk)),
+            lives.default_hours(drawn.measured) if times is None else times,
+            beyond=beyond,
+            seed=_seed(seed, fit.seed),
             progress=show,
             conditions=conditions,
-            experience=None if beyond else drawn.experience,
         )
-    _warn(lifetime_cautions(drawn, soil, life, duty, conditions, beyond=beyond))
-    table, summary = life_table(drawn, life, duty), life_summary(drawn, life, duty)
-    table.attrs.update(summary.facts, summary=str(summary))
+    table = _given(found)
+    table.attrs.update(found.summary, summary=found.headline)
     return table
+
+
+def _given(answer: forecast.Forecast) -> pd.DataFrame:
+    """Return the table of an answer, and warn its user."""
+    _warn(answer.messages, depth=4)
+    return answer.table
+
+
+def _refuse_risk(risk: float) -> None:
+    if not 0.0 < risk < 1.0:
+        raise BayesdegError(
+            f"max_risk {risk:g} is out of range; give a probability between 0 and 1"
+        )
 
 
 def _levels(
@@ -563,27 +597,11 @@ def _levels(
     """Return degradation rates, given or derived from hours in the soil."""
     if degradation is not None and hours is not None:
         raise BayesdegError("give either degradation= or hours=, not both")
-    times = None if hours is None else _numbers(hours, "hours", "h")
-    experiment = fit.model.experiment
-    if degradation is None and hours is None and not fit.fit.model.world.degrades:
+    if hours is not None:
+        return forecast.levels_after(_numbers(hours, "hours", "h"), fit.soil(progress), seed)
+    if degradation is None and not fit.fit.model.world.degrades:
         degradation = 0.0
-    rates = None if hours is not None else _numbers(degradation, "degradation", "%", high=100.0)
-    soil = None if times is None else experiment.soil(fit.effort, fit.seed, progress)
-    return forecast.levels_at(degradation=rates, hours=times, soil=soil, seed=seed)
-
-
-def _control_own(
-    fit: Calibration, reading: ArrayLike | None, x: Any, seed: int, other: tuple[object, ...]
-) -> pd.DataFrame:
-    if reading is None or x is None or any(one is not None for one in other):
-        raise BayesdegError(
-            "a model with its own forward map has no pressure and no curvature: use "
-            "control(fit, reading=..., x=...) with the wanted reading and the inputs to try"
-        )
-    wanted = np.atleast_1d(np.asarray(reading, dtype=np.float64))
-    if not np.all(np.isfinite(wanted)):
-        raise BayesdegError(f"reading must be finite numbers, not {reading}")
-    return own_forecast.control(fit.drawn, wanted, _inputs(x), forecast.answer_seed(seed))
+    return known_levels(_numbers(degradation, "degradation", "%", high=100.0))
 
 
 def _inputs(x: Any) -> Any:
@@ -631,13 +649,13 @@ def report(
     BayesdegError
         If calibrations and verdict do not match, or the folder cannot be written to.
     """
-    experiment = _calibration(base).model.experiment
+    model = _calibration(base).model
     last = base if final is None else _calibration(final)
     if verdict is None:
         raise BayesdegError("a report needs a verdict: report(path, base, final, verdict)")
-    if verdict.model is not base.model:
+    if verdict.model is not model:
         raise BayesdegError("the verdict is of a different model from the base calibration")
-    with _work(progress, workers, parallel=experiment.is_parallel) as (show, executor):
+    with _work(progress, workers, parallel=model.is_parallel) as (show, executor):
         return write_run(Path(path), base, last, verdict, show, executor, full=full)
 
 
@@ -699,12 +717,6 @@ def update(
     return Update(written)
 
 
-def _model(given: object) -> Model:
-    if not isinstance(given, Model):
-        raise BayesdegError(f"calibrate needs a bayesdeg.Model, not {type(given).__name__}")
-    return given
-
-
 def _calibration(given: object) -> Calibration:
     if not isinstance(given, Calibration):
         raise BayesdegError(f"give the result of calibrate(model), not {type(given).__name__}")
@@ -738,9 +750,9 @@ def _numbers(
     return found
 
 
-def _warn(messages: Iterable[str]) -> None:
+def _warn(messages: Iterable[str], *, depth: int = 3) -> None:
     for message in messages:
-        warnings.warn(message, UserWarning, stacklevel=3)
+        warnings.warn(message, UserWarning, stacklevel=depth)
 
 
 @contextmanager

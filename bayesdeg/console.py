@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 
 WIDTH = 120  # of output that does not go to a terminal
 LINE_EVERY = 30.0  # interval of progress lines [s]: at most a hundred lines per hour

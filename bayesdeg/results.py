@@ -2,31 +2,60 @@
 
 import html
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from copy import copy
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Self, cast
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.actuator.reading import mechanics_of
+from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.findings import Candidate
+from bayesdeg.data.plausibility import doubts, refuse_impossible
+from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
-from bayesdeg.errors import BayesdegError
+from bayesdeg.emulator.kept import refuse_whole_range
+from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.emulator.trained import find as find_emulator
+from bayesdeg.errors import BayesdegError, use_one_of
+from bayesdeg.inference.model import JointModel
+from bayesdeg.inference.own_map import Forward, Readings, UserMap, probe
+from bayesdeg.inference.sampling import EFFORTS, Chain
+from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pipeline import writing
-from bayesdeg.pipeline.experiment import ModelledExperiment, of_final
-from bayesdeg.pipeline.formula import Forward, Readings, UserMap
+from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.films import course_of
+from bayesdeg.pipeline.judge import Judgement
+from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
-from bayesdeg.pipeline.posterior import Posterior
-from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.record import Results
-from bayesdeg.pipeline.run import Clock, Streams, add_page, conclude, with_average, with_options
+from bayesdeg.pipeline.run import (
+    Clock,
+    Streams,
+    add_page,
+    conclude,
+    of_final,
+    with_average,
+    with_options,
+)
+from bayesdeg.pipeline.run_record import model_of
+from bayesdeg.pipeline.stored import NO_COURSE, bends_actuators
+from bayesdeg.pipeline.suspects import assemble_screened
 from bayesdeg.pipeline.update import UpdatedRun
+from bayesdeg.prediction.posterior import Posterior
+from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Parameter
+from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
 from bayesdeg.report.folder import POSTERIOR, RunFolder
 from bayesdeg.report.headline import size_of
@@ -104,31 +133,101 @@ class Model:
     parameters: Sequence[Parameter] = ()
     catalogue: Sequence[Cause] = ()
     causes: Sequence[Cause | str] = ()
-    experiment: ModelledExperiment = field(init=False)
+    assembly: Assembly = field(init=False)
+    judgement: Judgement | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        """Build the experiment that the verbs use."""
-        if isinstance(self.data, Study):
-            if self.parameters or self.catalogue:
-                raise BayesdegError(
-                    "a study has its own parameters and catalogue: set priors in [priors] "
-                    "of study.toml, and give causes to criticise(fit, causes=[...])"
-                )
-            forward = cast(ForwardMap | None, self.forward)
-            experiment = ModelledExperiment.of(self.data, forward, self.causes)
-        else:
+        """Build the model that the verbs use."""
+        if not isinstance(self.data, Study):
             own = cast(Forward | Mapping[str, Forward] | None, self.forward)
             readings = UserMap.of(self.data, own)
-            experiment = ModelledExperiment.of_readings(
-                readings, self.parameters, self.catalogue, self.causes
+            assembly = assemble_own(readings, self.parameters, self.catalogue)
+        elif self.parameters or self.catalogue:
+            raise BayesdegError(
+                "a study has its own parameters and catalogue: set priors in [priors] "
+                "of study.toml, and give causes to criticise(fit, causes=[...])"
             )
-        object.__setattr__(self, "experiment", experiment)
-        object.__setattr__(self, "causes", experiment.causes)
+        else:
+            assembly = _assembled(self.data, cast(ForwardMap | None, self.forward))
+        object.__setattr__(self, "assembly", assembly)
+        stated = self.causes
+        object.__setattr__(self, "causes", ())
+        self._activate(map(self.cause, stated))
+
+    def _activate(self, causes: Iterable[Cause]) -> None:
+        """Set the active causes; a user's forward map is tried with them."""
+        object.__setattr__(self, "causes", tuple(causes))
+        if self.causes and not self.is_of_actuators:
+            probe(self.density)
+
+    @property
+    def active(self) -> tuple[Cause, ...]:
+        """The active causes."""
+        return cast(tuple[Cause, ...], self.causes)
+
+    @property
+    def is_of_actuators(self) -> bool:
+        """Whether it is of films and actuators, not of a user's own forward map."""
+        return self.assembly.is_of_actuators
+
+    @property
+    def density(self) -> JointModel:
+        """The sampled density.
+
+        Raises
+        ------
+        BayesdegError
+            If a cause acts on nothing of it, or names clash.
+        """
+        try:
+            return self.assembly.extended(*self.active)
+        except ValueError as fault:
+            raise BayesdegError(str(fault)) from fault
+
+    @property
+    def settings(self) -> Settings:
+        """Settings of the study, or defaults."""
+        return self.assembly.study.settings
+
+    @property
+    def title(self) -> str:
+        """What it is of, in words."""
+        return self.settings.title or self.assembly.study.name
 
     @property
     def name(self) -> str:
         """The model named by its causes: ``base``, ``base+pressure_offset``."""
-        return "+".join(["base", *sorted(cause.name for cause in self.experiment.causes)])
+        return "+".join(["base", *sorted(cause.name for cause in self.active)])
+
+    @property
+    def is_parallel(self) -> bool:
+        """Whether other processes can compute it, which excludes functions of the user."""
+        return self.is_parallel_with(self.assembly)
+
+    def is_parallel_with(self, assembly: Assembly) -> bool:
+        """Whether they can judge it with these candidates."""
+        if not assembly.is_of_actuators:
+            return False
+        forward = mechanics_of(assembly.model.world.forward)
+        tried = (*self.active, *assembly.candidates)
+        return isinstance(forward, Surrogate) and all(map(_is_ours, tried))
+
+    def cause(self, given: Cause | str) -> Cause:
+        """Return a cause by name, with the priors of the study, or a given cause unchanged.
+
+        Raises
+        ------
+        BayesdegError
+            If there is none of that name; the message suggests the nearest.
+        """
+        if isinstance(given, Cause):
+            return given
+        known = {**CATALOGUE} if self.is_of_actuators else {}
+        known |= {one.name: one for one in (*self.assembly.causes, *self.active)}
+        if given not in known:
+            remedy = use_one_of(given, known) if known else "give the bayesdeg.Cause itself"
+            raise BayesdegError(f"there is no cause {given!r} of this model; {remedy}")
+        return known[given]
 
     def with_causes(self, *causes: Cause | str) -> Self:
         """Return the model with additional active causes.
@@ -144,9 +243,11 @@ class Model:
             If a name is unknown; the message suggests the nearest.
         """
         known = (one.cause or one if isinstance(one, CauseName) else one for one in causes)
-        found = {cause.name: cause for cause in map(self.experiment.cause, known)}
-        active = {cause.name: cause for cause in self.experiment.causes}
-        return replace(self, causes=tuple((active | found).values()))
+        active = {one.name: one for one in (*self.active, *map(self.cause, known))}
+        found = copy(self)
+        object.__setattr__(found, "judgement", None)
+        found._activate(active.values())
+        return found
 
     def with_verdict(self, verdict: "Verdict") -> Self:
         """Return the model that ``bayesdeg run`` uses for predictions after this verdict.
@@ -171,15 +272,68 @@ class Model:
                 "verdict.model"
             )
         found = self.with_causes(*verdict.predicted_with)
-        experiment = replace(found.experiment, judgement=verdict.judgement)
-        object.__setattr__(found, "experiment", experiment)
+        object.__setattr__(found, "judgement", verdict.judgement)
         return found
+
+    def with_candidates(self, causes: str | Iterable[Cause | str]) -> Assembly:
+        """Return what is judged, with different candidates: ``all`` of the study, or a list.
+
+        Raises
+        ------
+        BayesdegError
+            If there is none, or a name is unknown.
+        """
+        known = self.assembly
+        listed: Iterable[Cause | str] = [causes] if isinstance(causes, str) else causes
+        wanted = known.candidates if causes == "all" else [self.cause(one) for one in listed]
+        if not wanted and not self.is_of_actuators:
+            raise BayesdegError(
+                "a model with its own forward map has no candidate causes; give "
+                "criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
+            )
+        if not wanted and not known.unjudged:
+            raise BayesdegError("causes is empty; name at least one cause, or 'all'")
+        if causes == "all":
+            return known
+        names = [one.name for one in wanted]
+        return replace(
+            known,
+            candidates=tuple(one for one in wanted if one.name not in known.unjudged),
+            unjudged={n: known.unjudged[n] for n in names if n in known.unjudged},
+            alike=tuple(one for one in known.alike if one.name in names),
+            of_counts=tuple(one for one in known.of_counts if one.name in names),
+        )
 
     def __repr__(self) -> str:
         """Return its title and parameters."""
-        names = ", ".join(p.name for p in self.experiment.density.table.parameters)
-        active = f" with {self.name.removeprefix('base+')}" if self.experiment.causes else ""
-        return f"Model of {self.experiment.title}{active}: {names}"
+        names = ", ".join(p.name for p in self.density.table.parameters)
+        active = f" with {self.name.removeprefix('base+')}" if self.causes else ""
+        return f"Model of {self.title}{active}: {names}"
+
+
+def _is_ours(cause: Cause) -> bool:
+    """Return whether a cause is from the catalogue, whatever its priors."""
+    known = CATALOGUE.get(cause.name)
+    return known is not None and replace(cause, parameters=known.parameters) == known
+
+
+def _assembled(study: Study, forward: ForwardMap | None) -> Assembly:
+    """Check a study for impossible data, find its emulator, and build its base model."""
+    if study.settings.forward is not None:
+        return assemble(study)
+    plan = outline(study, emulated=forward is None or isinstance(forward, Surrogate))
+    refuse_impossible(doubts(study, plan.expected))
+    if forward is None and plan.needs_forward:
+        geometry = geometry_of_study(study.settings)
+        refuse_whole_range(geometry)
+        found = find_emulator(geometry)
+        if found.surrogate is None:
+            raise BayesdegError(
+                f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds the "
+                "emulator that `bayesdeg run` trained here, or trains one"
+            )
+        forward = found.surrogate
+    return assemble_screened(study, forward)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -190,7 +344,7 @@ class Calibration:
     ----------
     model : Model
         The calibrated model.
-    fit : object
+    fit : Fit
         Mode, evidence and chain.
     effort, seed : str, int
         Settings of the calibration.
@@ -199,20 +353,61 @@ class Calibration:
     """
 
     model: Model
-    fit: Any
+    fit: Fit
     effort: Effort
     seed: int
     seconds: float
 
+    @property
+    def _kept(self) -> Chain:
+        """The draws that a run folder keeps."""
+        return self.fit.chain.thinned(EFFORTS[self.effort].kept)
+
     @cached_property
     def posterior(self) -> xr.DataTree:
         """Draws by name as an arviz ``DataTree``, with ``log_likelihood`` of whole specimens."""
-        return self.model.experiment.posterior(self.fit, self.effort, self.seed)
+        generator = np.random.default_rng(Streams.of(self.seed).drawing)
+        return to_datatree(self.fit.model, self._kept, generator)
 
     @cached_property
     def drawn(self) -> Posterior:
-        """Draws used to predict new specimens, as stored in a run folder."""
-        return self.model.experiment.drawn(self.fit, self.effort, self.seed)
+        """Draws used to predict new specimens, as stored in a run folder.
+
+        They are over all sets of causes that the verdict could not tell apart, if the model is that
+        of a verdict.
+
+        Raises
+        ------
+        BayesdegError
+            If the study has no actuator readings.
+        """
+        fit, model = self.fit, self.model
+        if not model.is_of_actuators:
+            return Posterior(fit.model, self._kept)
+        if not bends_actuators(fit.model.table.names):
+            raise BayesdegError(
+                f"{model.assembly.study.name} has no actuator readings, so its posterior cannot "
+                "predict actuators; add actuator.csv to the study"
+            )
+        final = Results(model.assembly, fit, fit, of_final(model.judgement, fit))
+        averaged = with_average(final, Streams.of(self.seed).averaged, Guard(strict=True)).averaged
+        tested = model_of(model.assembly.model, fit.model, model.assembly.study)
+        return replace(averaged or Posterior(fit.model, self._kept), tested=tested)
+
+    def soil(self, progress: Progress) -> Soil:
+        """Return the course of degradation as ``bayesdeg run`` finds it with the same seed.
+
+        Raises
+        ------
+        BayesdegError
+            If the study has no moisture of films.
+        """
+        progress.stage("course of degradation")
+        effort = EFFORTS[self.effort]
+        course = course_of(self.model.assembly.study, effort, Streams.of(self.seed).films)
+        if course is None:
+            raise BayesdegError(NO_COURSE)
+        return course.soil(effort.kept)
 
     @property
     def log_evidence(self) -> float:
@@ -235,7 +430,7 @@ class Calibration:
         return f"{self._title()}\n{worded(self.fit.diagnosis)}\n{frame}"
 
     def _title(self) -> str:
-        return f"{self.model.experiment.title}: {self.model.name}, effort {self.effort}"
+        return f"{self.model.title}: {self.model.name}, effort {self.effort}"
 
     def _repr_html_(self) -> str:
         frame = self.summary().to_html(float_format=lambda value: f"{value:.4g}")
@@ -253,7 +448,7 @@ class Verdict:
         The criticised model.
     document : VerdictRecord
         The content of ``verdict.json``.
-    judgement : object
+    judgement : Judgement or None
         Its basis; None if there was nothing to judge.
     tried : tuple of Cause
         All causes that were tried.
@@ -263,7 +458,7 @@ class Verdict:
 
     model: Model
     document: VerdictRecord
-    judgement: Any
+    judgement: Judgement | None
     tried: tuple[Cause, ...]
     seconds: float
 
@@ -451,13 +646,13 @@ def write_run(
     BayesdegError
         If the calibrations and the verdict do not belong together, or the folder is not free.
     """
-    experiment, judgement = base.model.experiment, of_final(verdict.judgement, final.fit)
+    assembly, judgement = base.model.assembly, of_final(verdict.judgement, final.fit)
     settled = judgement is None or judgement.sampled or not final.fit.model.causes
-    results = Results(experiment.assembly, base.fit, (final if settled else base).fit, judgement)
+    results = Results(assembly, base.fit, (final if settled else base).fit, judgement)
     guard, clock = Guard(), Clock({"base": base.seconds, "verdict": verdict.seconds})
     clock.seconds |= {"extended": final.seconds} if final.fit is not base.fit else {}
     results = with_average(results, Streams.of(base.seed).averaged, guard)
-    study = with_options(experiment.study, base.effort, base.seed)
+    study = with_options(assembly.study, base.effort, base.seed)
     with run_folder(path, study) as folder:
         work = partial(conclude, progress=progress, executor=executor, guard=guard, full=full)
         document = work(study, folder, results, clock)

@@ -31,7 +31,7 @@ from bayesdeg.data.tables import of_actuators
 from bayesdeg.errors import Fault, StudyError, use_one_of
 from bayesdeg.files import read_bytes, reason
 from bayesdeg.observations.markers import with_lines
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.progress import Progress
 from bayesdeg_camera.c3d import LIBRARY, Recording, read_c3d
 from bayesdeg_camera.places import contradictions, named_files, raise_faults
 

@@ -26,7 +26,7 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Fault, ResumableError, StudyError
 from bayesdeg.files import RUN_MB, STUDY_MB, parse_json, read_bytes, reason, write_text
 from bayesdeg.observations.markers import LONGEST, SHORTEST, with_lines
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.progress import Progress
 from bayesdeg_camera.places import contradictions, named_files, raise_faults, wrong_place
 from bayesdeg_camera.tracing.lines import line_of, parse_lines
 from bayesdeg_camera.tracing.picture import read_picture

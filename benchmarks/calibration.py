@@ -63,8 +63,8 @@ from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import fingerprint
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints
 
 Floats = NDArray[np.float64]

@@ -50,8 +50,8 @@ from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.reach import assemble_within_reach
+from bayesdeg.progress import Silent
 from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]

@@ -55,7 +55,7 @@ from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.wording import worded
 

@@ -40,11 +40,10 @@ from bayesdeg.laboratory.truth import Three, Truth
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.films import course_of
-from bayesdeg.pipeline.lifetime import life_summary, lifetime_of
-from bayesdeg.pipeline.posterior import Posterior
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import Streams
-from bayesdeg.prediction.lifetime import Duty
+from bayesdeg.prediction.lifetime import Duty, life_summary, lifetime_of
+from bayesdeg.prediction.posterior import Posterior
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import NoCheckpoints
 
 Floats = NDArray[np.float64]

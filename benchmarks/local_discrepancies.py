@@ -162,6 +162,7 @@ def by_verdict(bed: Bed, seed: int) -> Said:
     model = bd.Model(readings, lambda values, x: values["loss"][:, None] * x, parameters=(loss,))
     base = bd.calibrate(model, effort="quick", seed=seed)
     judgement = bd.criticise(base, catalogue(bed), effort="quick", seed=seed).judgement
+    assert judgement is not None
     decision, trials = judgement.decision, judgement.search.trials
     sets = decision.sets or tuple((name,) for name in decision.causes)
     trial = trials.get(frozenset(names[0] for names in sets), judgement.search.base)

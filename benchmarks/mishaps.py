@@ -50,8 +50,8 @@ from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.suspects import assemble_screened
+from bayesdeg.progress import Silent
 
 Json = dict[str, Any]
 Floats = NDArray[np.float64]

@@ -49,7 +49,7 @@ from bayesdeg.laboratory.writing import Provenance
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]

@@ -49,9 +49,9 @@ from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.prediction.predictive import rupture_table
+from bayesdeg.progress import Silent
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]

@@ -23,7 +23,7 @@ from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 
 try:
     from bayesdeg.criticism.fit.trials import CandidateFit

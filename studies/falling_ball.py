@@ -102,7 +102,7 @@ def asked(*, gravity_known: bool) -> bd.Model:
 
 def model(*, gravity_known: bool) -> JointModel:
     """Return its density."""
-    return asked(gravity_known=gravity_known).experiment.density
+    return asked(gravity_known=gravity_known).density
 
 
 def drag_by_prior(judgement: Judgement, sd: float) -> list[float]:
@@ -121,6 +121,7 @@ def run(seed: int) -> dict[str, Any]:
     for title, known in (("g unknown", False), ("g known", True)):
         base = bd.calibrate(asked(gravity_known=known), effort="quick", seed=seed)
         found = bd.criticise(base, CATALOGUE, effort="standard", seed=seed).judgement
+        assert found is not None
         priors = {f"{sd:g} 1/m": drag_by_prior(found, sd) for sd in DRAG_SIZES}
         answers[title] = {**summary(found), "drag_by_prior": priors}
     return answers

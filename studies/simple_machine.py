@@ -97,7 +97,7 @@ def asked(seed: int, *, count: int = 31) -> bd.Model:
 
 def model(seed: int, *, count: int = 31) -> JointModel:
     """Return its density."""
-    return asked(seed, count=count).experiment.density
+    return asked(seed, count=count).density
 
 
 def without_causes(judgement: Judgement) -> dict[str, list[float]]:
@@ -116,6 +116,7 @@ def run(seed: int) -> dict[str, Any]:
     for title, catalogue in CATALOGUES.items():
         verdict = bd.criticise(base, catalogue, effort="standard", seed=seed)
         found = verdict.judgement
+        assert found is not None
         answers[title] = {**summary(found), "efficiency_without_causes": without_causes(found)}
     return answers
 

@@ -18,11 +18,10 @@ import xarray as xr
 
 import bayesdeg as bd
 from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.pipeline.experiment import ModelledExperiment
 from bayesdeg.pipeline.judge import judge_model
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import run_study
 from bayesdeg.pipeline.summary import summary
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.tables import TABLES
@@ -155,9 +154,9 @@ def test_the_default_prior_of_the_error_is_half_the_spread_of_the_readings():
 
 
 def test_error_and_scatter_are_parameters_or_known():
-    names = [p.name for p in spring(scatter=True).experiment.density.table.parameters]
+    names = [p.name for p in spring(scatter=True).density.table.parameters]
     assert names == ["k", "length_error", "length_scatter"]
-    known = spring(error=0.05, scatter=bd.HalfNormal(0.1)).experiment.density
+    known = spring(error=0.05, scatter=bd.HalfNormal(0.1)).density
     assert known.table.names == ("k", "length_scatter")
     vector = known.table.vectors({"k": np.array(2.3), "length_scatter": np.array(0.1)})
     same = IDS[:, None] == IDS
@@ -250,10 +249,10 @@ def test_causes_act_on_inputs_or_are_asked_by_name(base):
     readings = base.model.data
     model = bd.Model(readings, forward, parameters=[K], catalogue=[gauge, named])
     vector = np.array([[np.log(2.0), 0.0, 0.1]])
-    plain = model.experiment.density.expected(vector[:, :2])[0]
+    plain = model.density.expected(vector[:, :2])[0]
     assert plain == pytest.approx(2.0 * FORCE)
     for name in ("gauge", "named"):
-        found = model.with_causes(name).experiment.density.expected(vector)[0]
+        found = model.with_causes(name).density.expected(vector)[0]
         assert found == pytest.approx(2.2 * FORCE)
 
 
@@ -265,7 +264,7 @@ def test_several_kinds_of_readings_and_a_frame_of_inputs():
         "length": lambda values, x: values["k"][:, None] * (x["force"] + x["heat"]).to_numpy(),
         "width": lambda values, x: -values["k"][:, None] * x,
     }
-    density = bd.Model([length, width], maps, parameters=[K]).experiment.density
+    density = bd.Model([length, width], maps, parameters=[K]).density
     expected = density.expected(np.array([[0.0]]))[0]
     assert expected == pytest.approx(np.concatenate([FORCE + frame["heat"], -FORCE[:4]]))
     assert np.diag(density.scatter(np.array([0.0]))) == pytest.approx([0.01] * 12 + [0.04] * 4)
@@ -562,10 +561,10 @@ def test_a_geometry_without_an_emulator_is_told(planted, tmp_path, monkeypatch):
 
 
 def test_what_is_the_users_own_is_not_sent_to_other_processes(planted):
-    ours = ModelledExperiment.of(planted, emulator(), ["gravity"])
+    ours = bd.Model(planted, emulator(), causes=["gravity"])
     assert ours.is_parallel
-    assert not replace(ours, causes=(OFFSET,)).is_parallel
-    assert not bd.Model(planted, lambda inputs: emulator()(inputs)).experiment.is_parallel
+    assert not ours.with_causes(OFFSET).is_parallel
+    assert not bd.Model(planted, lambda inputs: emulator()(inputs)).is_parallel
 
 
 def test_a_script_without_a_guard_is_not_started_again_by_its_workers(planted, tmp_path):

@@ -16,8 +16,8 @@ import bayesdeg as bd
 from bayesdeg.cli import app
 from bayesdeg.emulator.trained import write_trained
 from bayesdeg.pipeline.output import run_folder
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import run_study
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import NoCheckpoints
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
 from tests.pipeline.planted_offset import COUNTS, DRY, SETTINGS, SUMMARY, emulator, planted_study

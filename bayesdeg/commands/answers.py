@@ -1,4 +1,4 @@
-"""Common parts of commands that use a stored posterior: reading numbers, printing answers."""
+"""Common parts of commands that ask a finished run: reading numbers, printing answers."""
 
 import math
 import sys
@@ -13,24 +13,31 @@ from pydantic import Field
 from rich.table import Table
 from rich.text import Text
 
+from bayesdeg.commands.options import Asking
 from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.files import spreadsheet_safe, written
-from bayesdeg.pipeline import forecast
-from bayesdeg.pipeline.posterior import Posterior
+from bayesdeg.pipeline.output import output_file
+from bayesdeg.pipeline.stored import read_stored, soil_of
+from bayesdeg.prediction import own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
-from bayesdeg.prediction.soil import Level
+from bayesdeg.prediction.forecast import Forecast, levels_after
+from bayesdeg.prediction.posterior import Posterior
+from bayesdeg.prediction.soil import Level, known_levels
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.wording import number
 
 Floats = NDArray[np.float64]
+Texts = Sequence[str]
 
 MOST_ROWS = 5000
 
 
-def stored_run(report: Path, cause: str | None, *, base: bool, emulator: Path | None) -> Posterior:
-    """Return a finished run as it is asked for: averaged, with one cause, or its base model.
+def posterior_asked(report: Path, asking: Asking) -> Posterior:
+    """Return the posterior of a finished run: averaged, with one cause, or of its base model.
+
+    A file that the answer cannot be written to is refused first.
 
     Raises
     ------
@@ -40,13 +47,20 @@ def stored_run(report: Path, cause: str | None, *, base: bool, emulator: Path | 
         If the folder is not that of a finished run, or the cause is none of those that the run
         could not tell apart.
     """
-    if base and cause is not None:
+    if asking.out is not None:
+        output_file(asking.out)
+    if asking.base and asking.cause is not None:
         raise typer.BadParameter("give --base or --cause, not both: the base model has no cause")
-    stored = forecast.read_stored(report, base=base, emulator=emulator)
-    return stored if cause is None else stored.with_cause(cause)
+    stored = read_stored(report, base=asking.base, emulator=asking.emulator)
+    return stored if asking.cause is None else stored.with_cause(asking.cause)
 
 
-def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: float) -> Floats:
+def seed_of(stored: Posterior, asking: Asking) -> int:
+    """Return the seed of an answer: the user's, or else the run's."""
+    return (stored.run.seed or 0) if asking.seed is None else asking.seed
+
+
+def numbers(texts: Texts, option: str, unit: str, *, low: float, high: float) -> Floats:
     """Return the numbers listed by an option, sorted and without duplicates.
 
     Parameters
@@ -68,12 +82,36 @@ def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: f
     >>> numbers(["0:100:50", "70,0"], "--pressure", "kPa", low=0.0, high=np.inf).tolist()
     [0.0, 50.0, 70.0, 100.0]
     """
-    found = [
-        value
-        for text in texts
-        for part in text.split(",")
-        for value in (_range(part, option) if ":" in part else [_number(part, option)])
-    ]
+
+    def single(text: str) -> float:
+        try:
+            return float(text)
+        except ValueError as fault:
+            raise typer.BadParameter(
+                f"{option} {text!r} is not a number; write 100, or 50,100, or 0:240:20"
+            ) from fault
+
+    def several(text: str) -> list[float]:
+        parts = [single(part) for part in text.split(":")]
+        if len(parts) != 3 or not all(map(math.isfinite, parts)):
+            raise typer.BadParameter(
+                f"{option} {text!r} is not a range; write first:last:step, such as 0:240:20"
+            )
+        first, last, step = parts
+        if not (step > 0.0 and last >= first):
+            raise typer.BadParameter(
+                f"{option} {text!r} is an empty range; the step must be above 0 and the last "
+                "number not below the first"
+            )
+        count = math.floor((last - first) / step + 1e-9) + 1
+        if count > MOST_ROWS:
+            raise typer.BadParameter(
+                f"{option} {text!r} has {count} numbers, more than {MOST_ROWS}; use a wider step"
+            )
+        return [first + step * i for i in range(count)]
+
+    parts = [part for text in texts for part in text.split(",")]
+    found = [v for part in parts for v in (several(part) if ":" in part else [single(part)])]
     for value in found:
         if not (low <= value <= high and math.isfinite(value)):
             upper = f" and not above {high:g}" if math.isfinite(high) else ""
@@ -83,43 +121,8 @@ def numbers(texts: Sequence[str], option: str, unit: str, *, low: float, high: f
     return np.unique(np.array(found))
 
 
-def _number(text: str, option: str) -> float:
-    try:
-        return float(text)
-    except ValueError as fault:
-        raise typer.BadParameter(
-            f"{option} {text!r} is not a number; write 100, or 50,100, or 0:240:20"
-        ) from fault
-
-
-def _range(text: str, option: str) -> list[float]:
-    parts = [_number(part, option) for part in text.split(":")]
-    if len(parts) != 3 or not all(map(math.isfinite, parts)):
-        raise typer.BadParameter(
-            f"{option} {text!r} is not a range; write first:last:step, such as 0:240:20"
-        )
-    first, last, step = parts
-    if not (step > 0.0 and last >= first):
-        raise typer.BadParameter(
-            f"{option} {text!r} is an empty range; the step must be above 0 and the last number "
-            "not below the first"
-        )
-    count = math.floor((last - first) / step + 1e-9) + 1
-    if count > MOST_ROWS:
-        raise typer.BadParameter(
-            f"{option} {text!r} has {count} numbers, more than {MOST_ROWS}; use a wider step"
-        )
-    return [first + step * i for i in range(count)]
-
-
 def refuse_risk(risk: float) -> None:
-    """Refuse a risk that is not between 0 and 1.
-
-    Raises
-    ------
-    typer.BadParameter
-        If it is not above 0 and below 1.
-    """
+    """Refuse a risk that is not between 0 and 1."""
     if not 0.0 < risk < 1.0:
         raise typer.BadParameter(
             f"--risk {risk:g} is out of range; give a probability above 0 and below 1, such as 0.05"
@@ -127,13 +130,7 @@ def refuse_risk(risk: float) -> None:
 
 
 def refuse_too_many(*asked: Sized, most: int = MOST_ROWS) -> None:
-    """Refuse more rows than anyone would read.
-
-    Raises
-    ------
-    typer.BadParameter
-        If there are more than the limit.
-    """
+    """Refuse more rows than anyone would read."""
     rows = math.prod(len(values) for values in asked)
     if rows > most:
         raise typer.BadParameter(
@@ -141,20 +138,64 @@ def refuse_too_many(*asked: Sized, most: int = MOST_ROWS) -> None:
         )
 
 
-def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:
-    """Return columns of inputs: every combination of the listed values.
+def levels_of(
+    report: Path, degradation: Texts | None, hours: Texts | None, seed: int | None
+) -> tuple[Level, ...]:
+    """Return the requested degradation rates, given directly or by hours in the soil.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Options as given: ``height_m=1,2``.
-    wanted : sequence of str
-        Names of the inputs, all of which must be given.
+    In a study in which nothing degrades it is 0 unless another is given.
 
     Raises
     ------
     typer.BadParameter
-        If one is missing, unknown or not a number.
+        If neither or both are given, or one is out of range.
+    BayesdegError
+        If the study has no course of degradation.
+    """
+    if degradation and hours:
+        raise typer.BadParameter("give --degradation or --hours, not both")
+    if not hours:
+        degrades = not report.is_dir() or RunFolder(report).read_run().degrades
+        if not degradation and degrades:
+            raise typer.BadParameter("--degradation is missing; give it, or --hours in the soil")
+        rates = numbers(degradation or ["0"], "--degradation", "%", low=0.0, high=100.0)
+        return known_levels(rates)
+    times, soil = numbers(hours, "--hours", "h", low=0.0, high=math.inf), soil_of(report)
+    return levels_after(
+        times, soil, int((RunFolder(report).read_run().seed if seed is None else seed) or 0)
+    )
+
+
+# ---- a user's own forward map
+
+
+def is_own(report: Path) -> bool:
+    """Return whether a folder is of a run with a user's forward map."""
+    return report.is_dir() and bool(RunFolder(report).read_run().forward)
+
+
+def needed(given: Texts | None, option: str, **own_options: Texts | None) -> Texts:
+    """Return the value of an option for actuators, which may not be missing.
+
+    Options for a user's forward map are refused.
+    """
+    for name, value in own_options.items():
+        if value:
+            raise typer.BadParameter(
+                f"--{name} is only for your own forward map; this run is of films or actuators"
+            )
+    if not given:
+        raise typer.BadParameter(f"{option} is missing")
+    return given
+
+
+def inputs_of(texts: Texts, wanted: Texts) -> dict[str, Floats]:
+    """Return columns of inputs: every combination of the listed values ``NAME=VALUES``.
+
+    Raises
+    ------
+    typer.BadParameter
+        If a wanted input is missing, or one is unknown or not a number.
 
     Examples
     --------
@@ -177,9 +218,67 @@ def inputs_of(texts: Sequence[str], wanted: Sequence[str]) -> dict[str, Floats]:
     return {name: column.ravel() for name, column in zip(wanted, grid, strict=True)}
 
 
-def seed_of(stored: Posterior, given: int | None) -> np.random.SeedSequence:
-    """Return the seed of an answer as in the Python functions: the user's, or else the run's."""
-    return forecast.answer_seed((stored.run.seed or 0) if given is None else given)
+def ask_own(
+    report: Path,
+    asking: Asking,
+    x: Texts | None,
+    reading: Texts | None = None,
+    *,
+    inverse: bool,
+    conditions: ServiceConditions,
+    **of_actuators: Texts | None,
+) -> bool:
+    """Answer with a user's forward map: predict, or find the input for a reading.
+
+    Returns False, with nothing done, for a run of films or actuators. Options of actuators are
+    refused.
+    """
+    if not is_own(report):
+        return False
+    if conditions != PROMPT:
+        raise typer.BadParameter(
+            f"{', '.join(conditions.changed)} is only for actuators, not for a study with its own "
+            "forward map"
+        )
+    for name, value in {**of_actuators, "cause": asking.cause}.items():
+        if value:
+            raise typer.BadParameter(
+                f"--{name} is only for actuators, not for a study with its own forward map; give "
+                "--x NAME=VALUES"
+            )
+    stored = posterior_asked(report, asking)
+    block = own.map_of(stored).readings[0]
+    seed = seed_of(stored, asking)
+    if not inverse:
+        found = own.predict(stored, inputs_of(x or (), list(block.x)), seed)
+    else:
+        if not reading:
+            raise typer.BadParameter("--reading is missing")
+        wanted = numbers(reading, "--reading", block.unit, low=-np.inf, high=np.inf)
+        at = inputs_of(x or (), list(block.x))
+        several = [name for name, column in at.items() if len(np.unique(column)) > 1]
+        if several != list(at)[:1]:
+            raise typer.BadParameter(
+                f"give a range for --x {next(iter(at))}, and one value for each other input"
+            )
+        found = own.control(stored, wanted, at, seed)
+    table = found.table.drop(columns="unit")
+    if not delivered(stored, Forecast(table, found.units), asking):
+        names = [str(name) for name in table]
+        heads = (f"{n}\n[{found.units[n]}]" if found.units.get(n) else n for n in names)
+        printed = empty_table(stored, list(heads))
+        for row in table.itertuples(index=False):
+            printed.add_row(
+                *(
+                    "–" if pd.isna(cell) else number(cell) if isinstance(cell, float) else str(cell)
+                    for cell in row
+                )
+            )
+        output().print(printed)
+    return True
+
+
+# ---- printing
 
 
 class Answer(FileRecord):
@@ -200,70 +299,34 @@ class Answer(FileRecord):
     rows: tuple[Mapping[str, Scalar], ...]
 
 
-def print_json(
-    stored: Posterior,
-    table: pd.DataFrame,
-    messages: Sequence[str],
-    units: dict[str, str],
-    summary: Mapping[str, float | None] | None = None,
-) -> None:
-    """Print an answer as JSON.
-
-    Parameters
-    ----------
-    stored : Posterior
-        Of which model and run it is.
-    table : DataFrame
-        The answer; missing values become null.
-    messages : sequence of str
-        Warnings and notes.
-    units : dict
-        Units by column.
-    summary : mapping, optional
-        Numbers that belong to no row.
-    """
-    rows = [
-        {name: None if pd.isna(value) else value for name, value in row.items()}
-        for row in table.to_dict("records")
-    ]
-    answer = Answer(
-        title=stored.run.title,
-        virtual=stored.run.virtual,
-        model=stored.name,
-        outcome=stored.verdict.outcome,
-        units={name: unit for name, unit in units.items() if name in table},
-        messages=tuple(messages),
-        summary=summary or {},
-        rows=tuple({str(name): cell for name, cell in row.items()} for row in rows),
-    )
-    sys.stdout.write(answer.text())
-
-
-def delivered(
-    stored: Posterior,
-    table: pd.DataFrame,
-    messages: Sequence[str],
-    units: dict[str, str],
-    *,
-    out: Path | None,
-    quiet: bool,
-    as_json: bool,
-    summary: Mapping[str, float | None] | None = None,
-) -> bool:
+def delivered(stored: Posterior, answer: Forecast, asking: Asking) -> bool:
     """Write the answer if requested, print its messages, and print it as JSON if requested.
 
-    Returns
-    -------
-    bool
-        Whether nothing is left to be shown.
+    Missing values become null. Returns whether nothing is left to be shown.
     """
-    if out is not None:
-        write_csv(out, table)
-    if not quiet:
+    table, headline = answer.table, (answer.headline,) if answer.headline else ()
+    # the headline follows the table; in JSON it is among the messages
+    messages = (*headline, *answer.messages) if asking.as_json else answer.messages
+    if asking.out is not None:
+        write_csv(asking.out, table)
+    if not asking.quiet:
         say(messages)
-    if as_json:
-        print_json(stored, table, messages, units, summary)
-    return as_json
+    if asking.as_json:
+        printed = Answer(
+            title=stored.run.title,
+            virtual=stored.run.virtual,
+            model=stored.name,
+            outcome=stored.verdict.outcome,
+            units={name: unit for name, unit in answer.units.items() if name in table},
+            messages=messages,
+            summary=answer.summary,
+            rows=tuple(
+                {str(name): None if pd.isna(cell) else cell for name, cell in row.items()}
+                for row in table.to_dict("records")
+            ),
+        )
+        sys.stdout.write(printed.text())
+    return asking.as_json
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:
@@ -288,105 +351,3 @@ def empty_table(stored: Posterior, headings: Sequence[str], addition: str = "") 
     for heading in headings:
         table.add_column(Text(heading), justify="right", no_wrap=True)
     return table
-
-
-def show_rows(stored: Posterior, table: pd.DataFrame, units: Mapping[str, str]) -> None:
-    """Print a table of numbers, each column with its unit."""
-    names = [str(name) for name in table]
-    heads = (f"{name}\n[{units[name]}]" if units.get(name) else name for name in names)
-    printed = empty_table(stored, list(heads))
-    for row in table.itertuples(index=False):
-        printed.add_row(
-            *(
-                "–" if pd.isna(cell) else number(cell) if isinstance(cell, float) else str(cell)
-                for cell in row
-            )
-        )
-    output().print(printed)
-
-
-def needed(given: list[str] | None, option: str, **own: list[str] | None) -> list[str]:
-    """Return the value of an option for actuators.
-
-    Raises
-    ------
-    typer.BadParameter
-        If it is missing, or an option for a user's forward map is given.
-    """
-    for name, value in own.items():
-        if value:
-            raise typer.BadParameter(
-                f"--{name} is only for your own forward map; this run is of films or actuators"
-            )
-    if not given:
-        raise typer.BadParameter(f"{option} is missing")
-    return given
-
-
-def levels_of(
-    report: Path, degradation: list[str] | None, hours: list[str] | None, seed: int | None
-) -> tuple[Level, ...]:
-    """Return the requested degradation rates, given directly or by hours in the soil.
-
-    In a study in which nothing degrades it is 0 unless another is given.
-
-    Raises
-    ------
-    typer.BadParameter
-        If neither or both are given, or one is out of range.
-    BayesdegError
-        If the study has no course of degradation.
-    """
-    if degradation and hours:
-        raise typer.BadParameter("give --degradation or --hours, not both")
-    if not hours:
-        if not degradation and _degrades(report):
-            raise typer.BadParameter("--degradation is missing; give it, or --hours in the soil")
-        rates = numbers(degradation or ["0"], "--degradation", "%", low=0.0, high=100.0)
-        return forecast.levels_at(degradation=rates, hours=None, soil=None, seed=seed)
-    times = numbers(hours, "--hours", "h", low=0.0, high=math.inf)
-    soil = forecast.soil_of(report)
-    seed = RunFolder(report).read_run().seed if seed is None else seed
-    return forecast.levels_at(degradation=None, hours=times, soil=soil, seed=seed)
-
-
-def _degrades(report: Path) -> bool:
-    return RunFolder(report).read_run().degrades if report.is_dir() else True
-
-
-def refuse_others(conditions: ServiceConditions, **given: object) -> None:
-    """Refuse options of actuators for a user's forward map.
-
-    Raises
-    ------
-    typer.BadParameter
-        Naming the option.
-    """
-    if conditions != PROMPT:
-        raise typer.BadParameter(
-            f"{', '.join(conditions.changed)} is only for actuators, not for a study with its own "
-            "forward map"
-        )
-    for name, value in given.items():
-        if value:
-            raise typer.BadParameter(
-                f"--{name} is only for actuators, not for a study with its own forward map; give "
-                "--x NAME=VALUES"
-            )
-
-
-def answer(
-    stored: Posterior,
-    table: pd.DataFrame,
-    units: dict[str, str],
-    *,
-    out: Path | None,
-    as_json: bool,
-) -> None:
-    """Print the answer of a user's forward map, and write it if requested."""
-    if out is not None:
-        write_csv(out, table)
-    if as_json:
-        print_json(stored, table, (), units)
-    else:
-        show_rows(stored, table, units)

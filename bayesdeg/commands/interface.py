@@ -6,8 +6,9 @@ the refusal of a wrong option need none of them.
 
 import functools
 import importlib
+import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from math import inf
 from typing import Any
 
@@ -25,8 +26,9 @@ class Command:
     name : str
         Its name on the command line, and of the module in ``bayesdeg.commands`` that does the work.
     signature : callable
-        Its parameters are the arguments and options, its docstring the help; the list of commands
-        shows the first paragraph. A function of that name in the module does the work.
+        Its parameters are the arguments, options and groups of options, its docstring the help; the
+        list of commands shows the first paragraph. A function of that name in the module does the
+        work.
     examples : tuple of str
         Command lines at the end of the help.
     output : tuple of str
@@ -53,12 +55,28 @@ class Command:
 
     @property
     def call(self) -> Callable[..., None]:
-        """The callable for the command line: the signature of the command, and its work."""
+        """The callable for the command line: the signature with each option, and the work."""
+        stated = inspect.signature(self.signature).parameters
+        groups: dict[str, Any] = {
+            name: p.annotation for name, p in stated.items() if is_dataclass(p.annotation)
+        }
+        each: list[inspect.Parameter] = []
+        for name, parameter in stated.items():
+            grouped = fields(groups[name]) if name in groups else ()
+            each += [
+                parameter.replace(name=option.name, annotation=option.type, default=option.default)
+                for option in grouped
+            ] or [parameter]
 
         @functools.wraps(self.signature)
         def call(**given: Any) -> None:
+            for name, group in groups.items():
+                own = {option.name: given.pop(option.name) for option in fields(group)}
+                given[name] = group(**own)
             self.work(**given)
 
+        vars(call)["__signature__"] = inspect.Signature(each)
+        call.__annotations__ = {p.name: p.annotation for p in each}
         return call
 
 
@@ -158,21 +176,10 @@ def predict(
     pressure: options.Pressures = None,
     degradation: options.MaybeRates = None,
     hours: options.Hours = None,
-    hold_s: options.Hold = PROMPT.hold_s,
-    cycle: options.Cycle = PROMPT.cycle,
-    branch: options.Branch = PROMPT.branch,
-    humidity: options.Humidity = PROMPT.humidity_pct,
-    temperature: options.Temperature = PROMPT.temperature_c,
-    mount: options.Mount = PROMPT.mount,
+    service: options.Service = options.AS_TESTED,
     degradation_sd: options.DegradationSd = PROMPT.degradation_sd,
     x: options.Inputs = None,
-    cause: options.OneCause = None,
-    base: options.BaseModel = False,
-    emulator: options.SameEmulator = None,
-    seed: options.SeedOfAnswer = None,
-    out: options.OutFile = None,
-    as_json: options.AsJson = False,
-    quiet: options.Quiet = False,
+    asking: options.Asking = options.AS_RUN,
 ) -> None:
     """Predict curvature and rupture of a new specimen from the posterior of a finished run.
 
@@ -194,21 +201,10 @@ def control(
     risk: options.Risk = 0.05,
     beyond: options.Beyond = False,
     reading: options.Readings = None,
-    hold_s: options.Hold = PROMPT.hold_s,
-    cycle: options.Cycle = PROMPT.cycle,
-    branch: options.Branch = PROMPT.branch,
-    humidity: options.Humidity = PROMPT.humidity_pct,
-    temperature: options.Temperature = PROMPT.temperature_c,
-    mount: options.Mount = PROMPT.mount,
+    service: options.Service = options.AS_TESTED,
     degradation_sd: options.DegradationSd = PROMPT.degradation_sd,
     x: options.Inputs = None,
-    cause: options.OneCause = None,
-    base: options.BaseModel = False,
-    emulator: options.SameEmulator = None,
-    seed: options.SeedOfAnswer = None,
-    out: options.OutFile = None,
-    as_json: options.AsJson = False,
-    quiet: options.Quiet = False,
+    asking: options.Asking = options.AS_RUN,
 ) -> None:
     """Find the pressure that reaches a wanted curvature at a bounded risk of rupture.
 
@@ -234,19 +230,8 @@ def lifetime(
     risk: options.Risk = 0.05,
     hours: options.Hours = None,
     beyond: options.Beyond = False,
-    hold_s: options.Hold = PROMPT.hold_s,
-    cycle: options.Cycle = PROMPT.cycle,
-    branch: options.Branch = PROMPT.branch,
-    humidity: options.Humidity = PROMPT.humidity_pct,
-    temperature: options.Temperature = PROMPT.temperature_c,
-    mount: options.Mount = PROMPT.mount,
-    cause: options.OneCause = None,
-    base: options.BaseModel = False,
-    emulator: options.SameEmulator = None,
-    seed: options.SeedOfAnswer = None,
-    out: options.OutFile = None,
-    as_json: options.AsJson = False,
-    quiet: options.Quiet = False,
+    service: options.Service = options.AS_TESTED,
+    asking: options.Asking = options.AS_RUN,
 ) -> None:
     """Predict the service life of an actuator in the soil, and the pressure for its curvature.
 

@@ -8,34 +8,27 @@ import typer
 from numpy.typing import NDArray
 
 from bayesdeg.commands.answers import (
+    Texts,
     delivered,
     empty_table,
+    is_own,
     numbers,
+    posterior_asked,
     refuse_risk,
     refuse_too_many,
     seed_of,
-    stored_run,
 )
+from bayesdeg.commands.options import Asking, Service
 from bayesdeg.console import output, shown
-from bayesdeg.pipeline import forecast, own_forecast
-from bayesdeg.pipeline.lifetime import (
-    default_hours,
-    life_summary,
-    life_table,
-    lifetime_cautions,
-    lifetime_of,
-)
 from bayesdeg.pipeline.output import output_file
-from bayesdeg.pipeline.posterior import Posterior
-from bayesdeg.prediction.conditions import ServiceConditions
-from bayesdeg.prediction.lifetime import Duty
-from bayesdeg.report import tables as columns
+from bayesdeg.pipeline.stored import soil_of
+from bayesdeg.prediction import lifetime as lives
+from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.report.wording import chance, interval, number, percent
 
 Floats = NDArray[np.float64]
 
 MOST_TIMES = 200
-UNITS = {column.name: column.unit for column in columns.TABLES[columns.LIFETIME].columns}
 HEADINGS = (
     "soil\n[h]",
     "D_R\n[%]",
@@ -57,62 +50,41 @@ def lifetime(
     pressure: float,
     curvature: float,
     risk: float,
-    hours: list[str] | None,
+    hours: Texts | None,
     beyond: bool,
-    hold_s: float,
-    cycle: int,
-    branch: str,
-    humidity: float | None,
-    temperature: float | None,
-    mount: str,
-    cause: str | None,
-    base: bool,
-    emulator: Path | None,
-    seed: int | None,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    service: Service,
+    asking: Asking,
 ) -> None:
     """Do what `interface.lifetime` says."""
-    if own_forecast.is_own(report):
+    if is_own(report):
         raise typer.BadParameter("a study with its own forward map has no lifetime in the soil")
-    duty, times = _duty(pressure, curvature, risk), _times(hours)
-    service = ServiceConditions(hold_s, cycle, branch, humidity, mount, temperature_c=temperature)
-    out = None if out is None else output_file(out)
-    soil, stored = forecast.soil_of(report), stored_run(report, cause, base=base, emulator=emulator)
-    times = default_hours(stored.measured) if times is None else times
-    with shown(quiet or as_json) as progress:
-        life = lifetime_of(
-            *(stored, soil, duty, times),
-            seed=seed_of(stored, seed),
-            progress=progress,
-            conditions=service,
-            experience=None if beyond else stored.experience,
-        )
-    table, summary = life_table(stored, life, duty), life_summary(stored, life, duty)
-    messages = (str(summary), *lifetime_cautions(stored, soil, life, duty, service, beyond=beyond))
-    # a summary follows the table; in JSON it is among the messages
-    said = messages if as_json else messages[1:]
-    if not delivered(
-        *(stored, table, said, UNITS), out=out, quiet=quiet, as_json=as_json, summary=summary.facts
-    ):
-        _show(stored, table, messages[0])
-
-
-def _duty(pressure: float, curvature: float, risk: float) -> Duty:
     for value, option, unit in ((pressure, "--pressure", "kPa"), (curvature, "--curvature", "1/m")):
         if not (np.isfinite(value) and value > 0.0):
             raise typer.BadParameter(
                 f"{option} {value:g} {unit} must be positive; give a number above 0"
             )
     refuse_risk(risk)
-    return Duty(pressure, curvature, risk)
+    times, conditions = _times(hours), service.conditions()
+    if asking.out is not None:
+        output_file(asking.out)
+    soil, stored = soil_of(report), posterior_asked(report, asking)
+    with shown(asking.quiet or asking.as_json) as progress:
+        found = lives.lifetime(
+            *(stored, soil, lives.Duty(pressure, curvature, risk)),
+            times if len(times) else lives.default_hours(stored.measured),
+            beyond=beyond,
+            seed=seed_of(stored, asking),
+            progress=progress,
+            conditions=conditions,
+        )
+    if not delivered(stored, found, asking):
+        _show(stored, found.table, found.headline)
 
 
-def _times(hours: list[str] | None) -> Floats | None:
-    """Return the requested times [h]; None for those of the films."""
+def _times(hours: Texts | None) -> Floats:
+    """Return the requested times [h]; none for those of the films."""
     if not hours:
-        return None
+        return np.empty(0)
     times = numbers(hours, "--hours", "h", low=0.0, high=np.inf)
     if len(times) == 1:
         raise typer.BadParameter(

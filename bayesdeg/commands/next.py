@@ -13,9 +13,8 @@ from bayesdeg.console import output, say
 from bayesdeg.criticism.experiments.ranking import LEAST
 from bayesdeg.criticism.findings import ExperimentEntry
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.errors import BayesdegError
+from bayesdeg.pipeline.stored import run_in
 from bayesdeg.records import FileRecord, Names
-from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.left_out import OptionalStage
 from bayesdeg.report.record import RunRecord, VerdictRecord
 from bayesdeg.report.wording import NOTHING, count, fixed, listed, sentences
@@ -45,17 +44,23 @@ class Proposals(FileRecord):
 
 def next_experiment(report: Path, as_json: bool, quiet: bool) -> None:
     """Do what `interface.next_experiment` says."""
-    folder = RunFolder(report)
-    if not folder.path.is_dir():
-        raise BayesdegError(
-            f"{report}: no such folder; name a run folder, such as reports/NAME, that "
-            "`bayesdeg run` has written"
-        )
-    run, verdict = folder.read_run(), folder.read_verdict()
-    proposals = verdict.next_experiments
-    messages = [*_explained(verdict, degrades=run.degrades), *_never_told_apart(proposals)]
+    _, run, verdict = run_in(report)
+    proposals, messages = verdict.next_experiments, []
+    if not proposals:
+        left_out = verdict.why_left_out(OptionalStage.EXPERIMENTS)
+        facts = {"v": verdict, "left_out": left_out, "least": LEAST, "degrades": run.degrades}
+        messages.append(sentences("answers", "nothing_proposed", **facts))
+    messages += _never_told_apart(proposals)
     if as_json:
-        _give(run, verdict, messages)
+        answer = Proposals(
+            title=run.title,
+            virtual=run.virtual,
+            outcome=verdict.outcome,
+            causes=verdict.causes,
+            messages=tuple(messages),
+            next_experiments=proposals,
+        )
+        sys.stdout.write(answer.text())
         return
     if proposals:
         output().print(_table(run, verdict))
@@ -82,14 +87,6 @@ def odds(expected: float | None) -> str:
     return f"{count(ratio) if ratio >= 10.0 else fixed(ratio, 1)} : 1"
 
 
-def _explained(verdict: VerdictRecord, *, degrades: bool) -> Iterator[str]:
-    """Say why nothing is proposed."""
-    if not verdict.next_experiments:
-        left_out = verdict.why_left_out(OptionalStage.EXPERIMENTS)
-        facts = {"v": verdict, "left_out": left_out, "least": LEAST, "degrades": degrades}
-        yield sentences("answers", "nothing_proposed", **facts)
-
-
 def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:
     """Say which pairs of causes no experiment is expected to tell apart."""
     best: dict[tuple[str, ...], float] = {}
@@ -100,18 +97,6 @@ def _never_told_apart(proposals: Sequence[ExperimentEntry]) -> Iterator[str]:
     for causes, expected in best.items():
         if expected < LEAST:
             yield sentences("answers", "never_told_apart", causes=causes)
-
-
-def _give(run: RunRecord, verdict: VerdictRecord, messages: Sequence[str]) -> None:
-    answer = Proposals(
-        title=run.title,
-        virtual=run.virtual,
-        outcome=verdict.outcome,
-        causes=verdict.causes,
-        messages=tuple(messages),
-        next_experiments=verdict.next_experiments,
-    )
-    sys.stdout.write(answer.text())
 
 
 def _table(run: RunRecord, verdict: VerdictRecord) -> Table:

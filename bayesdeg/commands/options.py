@@ -1,15 +1,18 @@
 """Arguments and options of the commands: type, help and bounds.
 
-Only fast imports here: see `bayesdeg.commands.interface`.
+Options that several commands share are groups: a command takes the group as one argument. Only fast
+imports here: see `bayesdeg.commands.interface`.
 """
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bayesdeg.actuator.status import Backend
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.quantities import LARGEST_SEED, MOUNTS, SIDES, Effort
 
 CORES = min(4, os.cpu_count() or 1)
@@ -252,6 +255,46 @@ Inputs = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only the result, as JSON.")]
+
+
+@dataclass(frozen=True)
+class Service:
+    """Options of predict, control and lifetime: the conditions of use of an actuator."""
+
+    hold_s: Hold = PROMPT.hold_s
+    cycle: Cycle = PROMPT.cycle
+    branch: Branch = PROMPT.branch
+    humidity: Humidity = PROMPT.humidity_pct
+    temperature: Temperature = PROMPT.temperature_c
+    mount: Mount = PROMPT.mount
+
+    def conditions(self, degradation_sd: float = PROMPT.degradation_sd) -> ServiceConditions:
+        """Return the conditions; refuse impossible ones."""
+        return ServiceConditions(
+            self.hold_s,
+            self.cycle,
+            self.branch,
+            self.humidity,
+            self.mount,
+            degradation_sd,
+            self.temperature,
+        )
+
+
+@dataclass(frozen=True)
+class Asking:
+    """Options of predict, control and lifetime: which posterior is asked, and where answers go."""
+
+    cause: OneCause = None
+    base: BaseModel = False
+    emulator: SameEmulator = None
+    seed: SeedOfAnswer = None
+    out: OutFile = None
+    as_json: AsJson = False
+    quiet: Quiet = False
+
+
+AS_TESTED, AS_RUN = Service(), Asking()
 
 # ---- of predict, control, lifetime and update
 

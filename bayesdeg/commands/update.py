@@ -47,26 +47,23 @@ def update(
     )
     run = RunFolder(found.folder).read_run()
     if as_json:
-        sys.stdout.write(_answer(found, run).text())
+        rows = found.written.moved.to_dict("records")
+        answer = UpdateAnswer(
+            title=run.title,
+            virtual=run.virtual,
+            outcome=RunFolder(found.folder).read_verdict().outcome,
+            folder=str(found.folder),
+            messages=found.messages,
+            update=found.written.entry,
+            parameters=tuple({str(name): cell for name, cell in row.items()} for row in rows),
+        )
+        sys.stdout.write(answer.text())
         return
     output().print(_table(found, run))
     output().print(f"updated run: {found.folder}", soft_wrap=True)
     if not quiet:
         say([sentences("run", "taken_in", one=found.written.entry.posteriors["final"])])
         say([*found.messages, f"its page: bayesdeg report {found.folder}"])
-
-
-def _answer(found: Update, run: RunRecord) -> UpdateAnswer:
-    rows = found.written.moved.to_dict("records")
-    return UpdateAnswer(
-        title=run.title,
-        virtual=run.virtual,
-        outcome=RunFolder(found.folder).read_verdict().outcome,
-        folder=str(found.folder),
-        messages=found.messages,
-        update=found.written.entry,
-        parameters=tuple({str(name): cell for name, cell in row.items()} for row in rows),
-    )
 
 
 def _table(found: Update, run: RunRecord) -> Table:

@@ -115,6 +115,8 @@ class Formula:
         From a cause to one whose hooks take what the forward map takes and returns.
     report : callable, optional
         Called at every evaluation with the vectors for which some reading is missing, (k,).
+    made_of : object, optional
+        The forward map that it was made from, which can be asked at other inputs.
     """
 
     forward: Callable[[Any, Any], Any]
@@ -122,6 +124,7 @@ class Formula:
     readings: Callable[[Any], ArrayLike] = np.asarray
     adapted: Callable[[Cause], Cause] = as_given
     report: Callable[[Flags], None] | None = None
+    made_of: object = None
 
     @property
     def is_limited(self) -> bool:

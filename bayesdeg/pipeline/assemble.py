@@ -5,7 +5,7 @@ Errors in functions and causes of a study folder become faults that name file an
 
 import hashlib
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,33 +23,39 @@ from bayesdeg.causes.fold import with_causes
 from bayesdeg.data import readings as files
 from bayesdeg.data.batches import recorded_batches
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
-from bayesdeg.data.settings import UserForward
+from bayesdeg.data.settings import Settings, UserForward
 from bayesdeg.data.study import CAUSES, Study
+from bayesdeg.data.uncertain import is_dimension
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import refuse_lacking, surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.files import STUDY_MB, read_bytes
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.observations.kinds import ROUNDING
-from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
-from bayesdeg.pipeline.aside import Exclusion
-from bayesdeg.pipeline.formula import (
+from bayesdeg.inference.own_map import (
     FOR_ARRAYS,
     Forward,
     Readings,
     UserMap,
-    answers_of,
     is_for_numbers,
     probe,
+    user_map,
 )
-from bayesdeg.pipeline.outline import Outline, outline, stated_priors
+from bayesdeg.observations.counts import RuptureCounts
+from bayesdeg.observations.kinds import ROUNDING
+from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
+from bayesdeg.pipeline.aside import Exclusion
+from bayesdeg.pipeline.outline import outline, stated_priors
 from bayesdeg.priors import Parameter, check_priors, with_least, with_priors
-from bayesdeg.report.record import ForwardMapEntry
+from bayesdeg.report.record import ForwardMapEntry, MapNoiseEntry
 
 Floats = NDArray[np.float64]
 
 DRAWS = 32  # prior draws at which a forward map is tried
+PRIOR_DRAWS = 400  # prior draws for counting answers: a share of 5 % has a standard error of 1 %
+CALLED_TWICE = 32  # of these
+#: Relative to the largest prediction; parallel sums differ by less and are not noise.
+SAME_ANSWER = 1e-9
+NO_STUDY = Study("", Path())
 
 
 @dataclass(frozen=True)
@@ -69,8 +75,6 @@ class Assembly:
     alike : tuple of Cause
         Those of the unjudged that act on the films of a study without actuators, and that these
         films cannot tell from another form of the law, nor from each other.
-    own : UserMap, optional
-        A forward map of the user's own, where the study is of no films and actuators.
     counts : RuptureCounts, optional
         How many of the actuators of others burst.
     of_counts : tuple of Cause
@@ -79,8 +83,8 @@ class Assembly:
         Specimens and readings that were set aside, since they do not belong with the rest.
     batches : dict of str to str
         The batch of each specimen of which one is recorded.
-    study, whole : Study, optional
-        What is left of the study, and the study with all of it, where something was.
+    study, whole : Study
+        The study without what was set aside, and with it; of readings in a script a title alone.
     beyond : tuple of Exclusion
         Readings that were set aside since no curve goes so far.
     """
@@ -90,19 +94,23 @@ class Assembly:
     unjudged: dict[str, str]
     missing: tuple[tuple[str, str], ...]
     alike: tuple[Cause, ...] = ()
-    own: UserMap | None = None
     counts: RuptureCounts | None = None
     of_counts: tuple[Cause, ...] = ()
     aside: tuple[Exclusion, ...] = ()
     batches: dict[str, str] = field(default_factory=dict)
-    study: Study | None = None
-    whole: Study | None = None
+    study: Study = NO_STUDY
+    whole: Study = NO_STUDY
     beyond: tuple[Exclusion, ...] = ()
+
+    @property
+    def is_of_actuators(self) -> bool:
+        """Whether it is of films and actuators, not of a user's own forward map."""
+        return isinstance(self.model.world, FilmsAndActuators)
 
     @cached_property
     def answers(self) -> ForwardMapEntry | None:
         """Where the user's forward map fails, and its noise; evaluated once."""
-        return None if self.own is None else answers_of(self.model)
+        return None if user_map(self.model) is None else answers_of(self.model)
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -131,20 +139,67 @@ class Assembly:
             return model
         return model.with_observations(self.counts)
 
+    def with_parameters(self, names: Collection[str]) -> JointModel:
+        """Return the model whose parameters have these names, with the causes that they belong to.
+
+        Raises
+        ------
+        BayesdegError
+            If there is none.
+        """
+        wanted = set(names)
+        of_causes = (name for name in names if "." in name and not is_dimension(name))
+        known = {cause.name: cause for cause in self.causes}
+        acting = dict.fromkeys(name.split(".")[0] for name in of_causes)
+        model = self.extended(*(known[name] for name in acting if name in known))
+        if set(model.table.names) != wanted:
+            raise BayesdegError(
+                "the posterior is of a different model from that of the study in this version; run "
+                "the study again"
+            )
+        return model
+
+
+def answers_of(model: JointModel) -> ForwardMapEntry:
+    """Count prior draws without a finite prediction, and call the map twice with the same values.
+
+    Each kind of readings whose predictions differ between the two calls is listed with their
+    standard deviation, the rms difference over √2.
+    """
+    vectors = model.table.sample(np.random.default_rng(0), PRIOR_DRAWS)
+    with np.errstate(all="ignore"):
+        first = model.expected(vectors)
+        change = model.expected(vectors[:CALLED_TWICE]) - first[:CALLED_TWICE]
+    answered = np.isfinite(first)
+    kinds, noise = model.places.kind, []
+    for kind in dict.fromkeys(kinds.tolist()):
+        rows = kinds == kind
+        moved = change[:, rows][np.isfinite(change[:, rows])]
+        largest = np.max(np.abs(first[:, rows]), where=answered[:, rows], initial=0.0)
+        if np.any(np.abs(moved) > SAME_ANSWER * largest):
+            unit, sd = model.scales[kind].unit, float(np.sqrt(np.mean(moved**2) / 2.0))
+            noise.append(MapNoiseEntry(kind=kind, unit=unit, sd=sd))
+    return ForwardMapEntry(
+        prior_draws=PRIOR_DRAWS,
+        prior_unanswered=float(np.mean(~answered.all(axis=1))),
+        noise=tuple(noise),
+    )
+
 
 def assemble_own(
     own: UserMap, parameters: Iterable[Parameter], candidates: Iterable[Cause] = ()
 ) -> Assembly:
-    """Build the base model of readings and a user's forward map.
+    """Build the base model of readings in a script and a user's forward map.
 
     Raises
     ------
     BayesdegError
-        If names clash, or shapes do not go together.
+        If names clash, or shapes do not match.
     """
     model = own.model(parameters)
     probe(model)
-    return Assembly(model, tuple(candidates), {}, (), own=own)
+    named = Study(own.title, Path(own.title), Settings(title=own.title, seed=0))
+    return Assembly(model, tuple(candidates), {}, (), study=named, whole=named)
 
 
 def _assemble_study(study: Study) -> Assembly:
@@ -155,7 +210,7 @@ def _assemble_study(study: Study) -> Assembly:
     StudyError
         If code of the study fails, or a prior or a cause does not exist.
     """
-    own, causes, stated = user_map(study), own_causes(study), study.settings
+    own, causes, stated = map_of_study(study), own_causes(study), study.settings
     assert stated.forward is not None
     try:
         base = own.model(stated.parameters)
@@ -181,7 +236,7 @@ def _assemble_study(study: Study) -> Assembly:
     model = replace(base, base=with_priors(with_least(base.base, least), stated.priors))
     try_out(study, model, tried)
     absent = (("causes/*.py", "no cause can be named; only a misfit can be found"),)
-    return Assembly(model, tried, {}, () if tried else absent, own=own)
+    return Assembly(model, tried, {}, () if tried else absent, study=study, whole=study)
 
 
 def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
@@ -224,7 +279,10 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         size_ratio=geometry.volume / study.settings.rupture.film_volume,
         degrades=plan.degrades,
         law=study.settings.material.law,
-        stiffening=_stiffening(study, plan),
+        # C3/C1 if C3 is not a parameter
+        stiffening=LEAST_STIFFENING
+        if study.settings.material.law == "neo_hookean" and plan.needs_forward
+        else 0.0,
         dimensions=tuple(one.name for one in plan.dimensions),
     )
     model = JointModel(plan.base, plan.observations, world)
@@ -236,21 +294,9 @@ def assemble(study: Study, forward: ForwardMap | None = None) -> Assembly:
         plan.alike,
         counts=plan.counts,
         of_counts=plan.of_counts,
-        batches=batches_of(study),
-    )
-
-
-def batches_of(study: Study) -> dict[str, str]:
-    """Return the batch of each specimen, if a table records it."""
-    return recorded_batches(study.actuator) | recorded_batches(study.tensile)
-
-
-def _stiffening(study: Study, plan: Outline) -> float:
-    """Return C3/C1 if C3 is not a parameter."""
-    return (
-        LEAST_STIFFENING
-        if study.settings.material.law == "neo_hookean" and plan.needs_forward
-        else 0.0
+        batches=recorded_batches(study.actuator) | recorded_batches(study.tensile),
+        study=study,
+        whole=study,
     )
 
 
@@ -334,7 +380,7 @@ class Code:
         return replace(self.fault(error, what), problem=problem, remedy=remedy)
 
 
-def user_map(study: Study) -> UserMap:
+def map_of_study(study: Study) -> UserMap:
     """Return the readings of a study with the function that predicts them.
 
     Raises

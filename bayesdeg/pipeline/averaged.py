@@ -13,14 +13,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.decide.counted import COMMON_FACTOR
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.judge import Judgement
-from bayesdeg.pipeline.posterior import Posterior
+from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.report.record import MemberEntry
 
 Floats = NDArray[np.float64]
@@ -103,12 +102,8 @@ def _others(judgement: Judgement) -> Iterator[_Other]:
     trials = {one.name: one.trial for one in counted.tried}
     for rival in best.support.inseparable:
         if rival != COMMON_FACTOR.name:
-            instead = _replaced(predicted, best.name, rival)
+            instead = tuple(sorted({*predicted} - {best.name} | {rival}))
             yield _Other(instead, -best.support.rivals[rival], trials[rival])
-
-
-def _replaced(causes: tuple[str, ...], one: str, rival: str) -> tuple[str, ...]:
-    return tuple(sorted({*causes} - {one} | {rival}))
 
 
 def _drawn(
@@ -119,19 +114,18 @@ def _drawn(
     count: int,
     generator: np.random.Generator,
 ) -> Floats:
-    """Draw from one set of causes, as vectors of the model with all, (count, n_parameters)."""
+    """Draw from one set of causes, as vectors of the model with all, (count, n_parameters).
+
+    The sizes of the other causes are neutral.
+    """
     flat = final.chain.vectors.reshape(-1, final.chain.vectors.shape[-1])
     values = final.model.table.named(flat[generator.integers(len(flat), size=count)])
     if trial is not None:
         values |= trial.subject.table.named(trial.draws(generator, count))
-    return whole.table.vectors(values | _neutral(whole, causes, count))
-
-
-def _neutral(model: JointModel, causes: tuple[str, ...], count: int) -> dict[str, Floats]:
-    """Return the neutral sizes of the other causes of a model."""
-    others: list[Cause] = [cause for cause in model.causes if cause.name not in causes]
-    return {
+    neutral = {
         cause.qualified(p.name): np.full(count, p.neutral or 0.0)
-        for cause in others
+        for cause in whole.causes
+        if cause.name not in causes
         for p in cause.parameters
     }
+    return whole.table.vectors(values | neutral)

@@ -23,7 +23,7 @@ from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, SamplerStatus, sample
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.progress import Progress
 from bayesdeg.report.checkpoints import Pieces, Stages
 
 
@@ -300,8 +300,8 @@ def base_of(fit: Fit) -> CandidateFit:
     fit : Fit
         Its draws are those of the importance sample, or of the chain where that sample is poor.
     """
-    known = fit.evidence
-    return _trial(fit.model, fit.laplace, known if _enough(known) else _of_chain(known, fit.chain))
+    known = fit.evidence if _enough(fit.evidence) else _of_chain(fit.evidence, fit.chain)
+    return base_trial(fit.model, fit.laplace.mode, known)
 
 
 def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> CandidateFit:
@@ -320,11 +320,7 @@ def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> Candi
     known = about_mode(model, laplace, generator)
     if not _enough(known):
         known = _of_chain(known, sample(model, known, effort=EFFORTS["quick"], seed=chains))
-    return _trial(model, laplace, known)
-
-
-def _trial(model: JointModel, laplace: Laplace, posterior: Evidence) -> CandidateFit:
-    return base_trial(model, laplace.mode, posterior)
+    return base_trial(model, laplace.mode, known)
 
 
 def _enough(posterior: Evidence) -> bool:

@@ -14,9 +14,9 @@ from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity
 from bayesdeg.inference.model import blocks_of
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.progress import Progress
 from bayesdeg.prediction import prior_predictive as alone
 from bayesdeg.prediction.prior_predictive import PriorPredictive
+from bayesdeg.progress import Progress
 from bayesdeg.report import tables as columns
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import worded

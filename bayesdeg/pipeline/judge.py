@@ -78,7 +78,7 @@ from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import CURVATURE
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_without_chain
-from bayesdeg.pipeline.progress import Progress, Silent
+from bayesdeg.progress import Progress, Silent
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.wording import sentences, worded
 

@@ -56,7 +56,7 @@ def assemble_within_reach(study: Study, forward: ForwardMap | None = None) -> As
     if aside is None:
         return assembly
     rest = set_aside(study, [aside])
-    return replace(assemble(rest, forward), study=rest, whole=study, beyond=(aside,))
+    return replace(assemble(rest, forward), whole=study, beyond=(aside,))
 
 
 def beyond_reach(study: Study, model: JointModel) -> Exclusion | None:

@@ -10,7 +10,7 @@ from bayesdeg.errors import Fault, StudyError
 from bayesdeg.extras import camera
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.markers import with_lines
-from bayesdeg.pipeline.progress import Progress, Silent
+from bayesdeg.progress import Progress, Silent
 
 
 def read_study(folder: Path | str, progress: Progress | None = None) -> Study:

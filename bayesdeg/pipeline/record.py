@@ -48,7 +48,7 @@ from bayesdeg.pipeline.checks import Checks
 from bayesdeg.pipeline.films import CourseFit, Films
 from bayesdeg.pipeline.judge import Description, Judgement, not_converged, readings_misfit
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.posterior import Posterior
+from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.priors import Choice, Parameter
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -17,12 +17,15 @@ from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.actuator.reading import mechanics_of
+from bayesdeg.criticism.checks.residuals import predict_readings
 from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.data.settings import SamplingOptions
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.emulator.trained import default_surrogate, to_bytes
 from bayesdeg.emulator.workers import WorkerProcesses
+from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.counts import RuptureCounts
@@ -32,9 +35,8 @@ from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.averaged import averaged
 from bayesdeg.pipeline.calibrate import Fit, awake, base_of, base_without_chain, calibrate
 from bayesdeg.pipeline.checks import check
-from bayesdeg.pipeline.deformed import Begun, begin
-from bayesdeg.pipeline.films import Examination, begin_examination
-from bayesdeg.pipeline.forecast import bends_actuators
+from bayesdeg.pipeline.deformed import begin
+from bayesdeg.pipeline.films import begin_examination
 from bayesdeg.pipeline.judge import (
     COUNT_DRAWS,
     JUDGE_EFFORTS,
@@ -46,12 +48,13 @@ from bayesdeg.pipeline.judge import (
     judge_model,
     with_sampled_sizes,
 )
-from bayesdeg.pipeline.progress import Progress
 from bayesdeg.pipeline.reach import assemble_within_reach
-from bayesdeg.pipeline.record import Results, in_doubt
+from bayesdeg.pipeline.record import Results, in_doubt, verdict_of
 from bayesdeg.pipeline.run_record import emulated, run_document
+from bayesdeg.pipeline.stored import bends_actuators
 from bayesdeg.pipeline.suspects import without_suspects
 from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
+from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
@@ -144,16 +147,17 @@ def run_study(
         The content of ``verdict.json``.
     """
     clock, guard = Clock(), guard or Guard()
-    _wake(executor)
+    if isinstance(executor, WorkerProcesses):
+        for _ in range(executor.workers):  # imports, a second of work, while the study is read
+            executor.submit(awake)
     seeds = Streams.of(study.settings.seed)
     with clock.stage("read"):
         assembly = assemble_within_reach(study, forward)
-        study = assembly.study or study
     if study.settings.suspects.set_aside:
         with clock.stage("suspects"):
             progress.stage(OptionalStage.SUSPECTS)
-            assembly = _without_suspects(study, assembly, forward, guard)
-            study = assembly.study or study
+            assembly = _without_suspects(assembly, forward, guard)
+    study = assembly.study
     fit = partial(
         calibrate,
         effort=EFFORTS[study.settings.sampling.effort],
@@ -165,8 +169,16 @@ def run_study(
         base = fit(assembly.model, "base", seed=seeds.base)
     results = Results(assembly, base, base, None)
     if can_be_judged(base):
-        judging = (results, study.settings.sampling.effort, fit, forward, seeds, clock)
-        results = _judged(*judging, progress=progress, executor=executor, guard=guard)
+        with clock.stage("verdict"):
+            judging = (assembly, base, study.settings.sampling.effort, seeds.verdict)
+            judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
+            judgement = guard.attempt(OptionalStage.VERDICT, judged, *judging)
+        with clock.stage("extended"):
+            results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
+            results = with_average(results, seeds.averaged, guard)
+        if assembly.aside:
+            with clock.stage("verdict with suspects"):
+                results = judged_with_suspects(results, forward, seeds.suspects, executor, guard)
     if results.judgement is None:
         results = with_counts(results, seeds.verdict, guard)
     return conclude(
@@ -174,79 +186,98 @@ def run_study(
     )
 
 
-def _judged(
-    results: Results,
-    effort: Effort,
-    fit: Calibrate,
-    forward: Surrogate | None,
-    seeds: Streams,
-    clock: Clock,
-    *,
-    progress: Progress,
-    executor: Executor | None,
-    guard: Guard,
-) -> Results:
-    """Judge the base model of a study, and calibrate the model of the verdict."""
-    assembly = results.assembly
-    judged = partial(judged_fit, progress=progress, executor=executor, guard=guard)
-    with clock.stage("verdict"):
-        stage, seed = OptionalStage.VERDICT, seeds.verdict
-        judgement = guard.attempt(stage, judged, assembly, results.base, effort, seed)
-    with clock.stage("extended"):
-        results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
-        results = with_average(results, seeds.averaged, guard)
-    if not assembly.aside or assembly.whole is None:
-        return results
-    with clock.stage("verdict with suspects"):
-        reached = set_aside(assembly.whole, assembly.beyond)
-        judging = (reached, forward, seeds.suspects, executor)
-        return judged_with_suspects(results, *judging, guard)
-
-
-def _without_suspects(
-    study: Study, assembly: Assembly, forward: Surrogate | None, guard: Guard
-) -> Assembly:
+def _without_suspects(assembly: Assembly, forward: Surrogate | None, guard: Guard) -> Assembly:
     """Return a study's models without outlying readings."""
     with threadpool_limits(limits=1):
         stage = OptionalStage.SUSPECTS
-        return guard.attempt(stage, without_suspects, study, assembly, forward) or assembly
+        return guard.attempt(stage, without_suspects, assembly, forward) or assembly
+
+
+def verdict_on(
+    assembly: Assembly,
+    base: Fit,
+    effort: Effort,
+    seed: int,
+    *,
+    progress: Progress,
+    executor: Executor | None,
+) -> tuple[VerdictRecord, Judgement | None]:
+    """Judge a calibrated base model, as `run_study` does with the same seed.
+
+    Returns the content of ``verdict.json`` and its basis; None if there was nothing to judge.
+    """
+    guard, streams, judgement = Guard(), Streams.of(seed), None
+    if can_be_judged(base):
+        judging = (assembly, base, effort, streams.verdict)
+        judgement = judged_fit(*judging, progress=progress, executor=executor, guard=guard)
+    results = Results(assembly, base, base, judgement)
+    if judgement is None:
+        results = with_counts(results, streams.verdict, guard)
+    elif assembly.aside:
+        emulator = mechanics_of(assembly.model.world.forward)
+        forward = emulator if isinstance(emulator, Surrogate) else None
+        results = judged_with_suspects(results, forward, streams.suspects, executor, guard)
+    residual = None
+    if base.model.of_kind(Curvature):
+        generator = np.random.default_rng(streams.drawing)
+        predicted = predict_readings(base.model, base.chain, generator)
+        residual = base.model.data_of(Curvature).tests.curvature - predicted.mean
+    doubted = dict(in_doubt(assembly.study, results)) | {"left_out": guard.entries()}
+    return verdict_of(results, residual, "", guard).model_copy(update=doubted), judgement
+
+
+def of_final(judgement: Judgement | None, final: Fit) -> Judgement | None:
+    """Return a judgement with the sizes of the causes from the final model's posterior.
+
+    Raises
+    ------
+    BayesdegError
+        If the final model has other causes than those with which the verdict predicts.
+    """
+    if judgement is None:
+        return None
+    wanted: Sequence[str] = judgement.predicted_with
+    given = sorted(cause.name for cause in final.model.causes)
+    if not given:
+        return replace(judgement, sampled=False)
+    if given == sorted(judgement.of_readings):
+        judgement = replace(judgement, counts_fitted=given == sorted(wanted))
+    elif given != sorted(wanted):
+        raise BayesdegError(
+            f"the final model has {', '.join(given)}, but the verdict predicts with "
+            f"{', '.join(wanted) or 'no cause'}; calibrate "
+            "model.with_verdict(verdict)"
+        )
+    return with_sampled_sizes(judgement, final)
 
 
 def judged_with_suspects(
     results: Results,
-    whole: Study,
     forward: Surrogate | None,
     seed: np.random.SeedSequence,
     executor: Executor | None,
     guard: Guard,
 ) -> Results:
-    """Judge the study with nothing set aside, at quick effort."""
+    """Judge the study with all that curves reach, at quick effort."""
     if results.judgement is None:
         return results
-    work = partial(_decision_of, whole, forward, seed, executor)
+    work = partial(_decision_of, results.assembly, forward, seed, executor)
     found = guard.attempt(OptionalStage.WITH_SUSPECTS, work)
     return replace(results, with_suspects=found)
 
 
 def _decision_of(
-    study: Study,
+    left: Assembly,
     forward: Surrogate | None,
     seed: np.random.SeedSequence,
     executor: Executor | None,
 ) -> Decision:
     fitting, judging = seed.spawn(2)
     with threadpool_limits(limits=1):
-        assembly = assemble(study, forward)
+        assembly = assemble(set_aside(left.whole, left.beyond), forward)
         base = base_without_chain(assembly.model, fitting)
         effort = JUDGE_EFFORTS["quick"]
         return judge(assembly, base, effort=effort, seed=judging, executor=executor).decision
-
-
-def _wake(executor: Executor | None) -> None:
-    """Start worker processes and their imports, a second of work, while the study is read."""
-    if isinstance(executor, WorkerProcesses):
-        for _ in range(executor.workers):
-            executor.submit(awake)
 
 
 def conclude(
@@ -285,8 +316,15 @@ def conclude(
     """
     seeds, files = Streams.of(study.settings.seed), Files(folder, guard)
     generator = np.random.default_rng(seeds.drawing)
-    pictures = _begun_pictures(study, results, executor, guard) if full else None
-    examined = _begun_examination(study, results, seeds, executor, guard) if full else None
+    final, pictures, examined = results.final, None, None
+    if full and final.model.of_kind(Curvature) and executor is not None:
+        # solved in the background, since it takes long
+        geometry = geometry_of_study(study.settings)
+        pictures = guard.attempt(OptionalStage.DEFORMED, begin, final, geometry, executor)
+    if full and results.assembly.is_of_actuators:
+        effort = EFFORTS[study.settings.sampling.effort]
+        work = partial(begin_examination, effort=effort, seed=seeds.films, executor=executor)
+        examined = guard.attempt(OptionalStage.ORDERS, work, study, results.base.model)
     progress.stage("posteriors")
     write_posteriors(study, files, results, generator)
     forward = emulated(results)
@@ -331,23 +369,17 @@ def with_counts(results: Results, seed: np.random.SeedSequence, guard: Guard) ->
     counts = results.assembly.counts
     if counts is None:
         return results
-    model, vectors = _without_causes_of_rupture(results.final)
+    model, vectors = results.final.model, results.final.chain.spread(COUNT_DRAWS)
+    shown = tuple(cause for cause in model.causes if not cause.is_of_rupture_alone)
+    if shown != model.causes:
+        without = replace(model.without_kinds(RuptureCounts.name), causes=shown)
+        vectors = vectors[:, [model.table.names.index(name) for name in without.table.names]]
+        model = without
     generator = np.random.default_rng(seed)
     found = guard.attempt(
         OptionalStage.RUPTURE_COUNTS, count_misfits, model, counts, vectors, generator
     )
     return results if found is None else replace(results, counts=found[0])
-
-
-def _without_causes_of_rupture(fit: Fit) -> tuple[JointModel, Floats]:
-    """Return a model without causes that act only on rupture, and some draws of the rest."""
-    model, vectors = fit.model, fit.chain.spread(COUNT_DRAWS)
-    shown = tuple(cause for cause in model.causes if not cause.is_of_rupture_alone)
-    if shown == model.causes:
-        return model, vectors
-    without = replace(model.without_kinds(RuptureCounts.name), causes=shown)
-    kept = [model.table.names.index(name) for name in without.table.names]
-    return without, vectors[:, kept]
 
 
 def can_be_judged(base: Fit) -> bool:
@@ -366,27 +398,6 @@ def with_options(study: Study, effort: Effort | None = None, seed: int | None = 
     settings = study.settings
     settings = replace(settings, sampling=SamplingOptions(effort or settings.sampling.effort))
     return replace(study, settings=settings if seed is None else replace(settings, seed=seed))
-
-
-def _begun_pictures(
-    study: Study, results: Results, executor: Executor | None, guard: Guard
-) -> Begun | None:
-    """Start solving the deformed actuators, which takes long, in the background."""
-    if not results.final.model.of_kind(Curvature) or executor is None:
-        return None
-    geometry = geometry_of_study(study.settings)
-    return guard.attempt(OptionalStage.DEFORMED, begin, results.final, geometry, executor)
-
-
-def _begun_examination(
-    study: Study, results: Results, seeds: Streams, executor: Executor | None, guard: Guard
-) -> Examination | None:
-    """Start the analysis of the films; None for a study with its own forward map."""
-    if results.assembly.own is not None:
-        return None
-    effort, model = EFFORTS[study.settings.sampling.effort], results.base.model
-    begin = partial(begin_examination, effort=effort, seed=seeds.films, executor=executor)
-    return guard.attempt(OptionalStage.ORDERS, begin, study, model)
 
 
 def say_left_out(folder: RunFolder, document: VerdictRecord, guard: Guard) -> VerdictRecord:
@@ -424,7 +435,7 @@ def judged_fit(
     Linear algebra uses one thread, so that results are the same bits on every machine.
     """
     with threadpool_limits(limits=1):
-        if assembly.own is not None:
+        if not assembly.is_of_actuators:
             return judge_model(
                 assembly.model,
                 assembly.candidates,
@@ -447,8 +458,7 @@ def judged_fit(
 def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
     """Return a hash of all inputs of a run."""
     settings = study.settings
-    own = settings.forward is not None
-    emulator = b"" if own else to_bytes(forward or default_surrogate())
+    emulator = b"" if settings.forward else to_bytes(forward or default_surrogate())
     content = json.dumps(
         [
             bayesdeg.__version__,

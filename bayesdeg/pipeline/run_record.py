@@ -20,6 +20,7 @@ from bayesdeg.data.settings import Known
 from bayesdeg.data.study import Study
 from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
+from bayesdeg.inference.own_map import UserMap, user_map
 from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.curvature import Curvature
@@ -33,9 +34,8 @@ from bayesdeg.observations.specimens import (
     young_modulus,
 )
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
-from bayesdeg.pipeline.forecast import model_document
-from bayesdeg.pipeline.formula import UserMap
 from bayesdeg.pipeline.record import Results
+from bayesdeg.pipeline.stored import model_document
 from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.report.left_out import Guard, OptionalStage
 from bayesdeg.report.record import (
@@ -222,7 +222,7 @@ def run_document(
     """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
     settings, judgement = study.settings, results.judgement
     guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
-    own = results.assembly.own
+    own = user_map(results.base.model)
     expected = results.counts_expected
     compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, expected)
     degrades = own is not None or study.degrades

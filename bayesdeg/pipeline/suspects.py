@@ -49,47 +49,36 @@ def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assemb
         As of `assemble`.
     """
     assembly = assemble_within_reach(study, forward)
-    study = assembly.study or study
-    return (
-        without_suspects(study, assembly, forward)
-        if study.settings.suspects.set_aside
-        else assembly
-    )
+    return without_suspects(assembly, forward) if study.settings.suspects.set_aside else assembly
 
 
-def without_suspects(study: Study, assembly: Assembly, forward: ForwardMap | None) -> Assembly:
+def without_suspects(assembly: Assembly, forward: ForwardMap | None) -> Assembly:
     """Return an assembly without the suspects of its study, or itself if there are none.
 
     Parameters
     ----------
-    study : Study
-        Checked.
     assembly : Assembly
-        Its base model with all readings that curves reach.
+        With all readings that curves reach.
     forward : ForwardMap, optional
-        With which that was assembled.
+        With which it was assembled.
     """
-    model = assembly.model
+    model, study = assembly.model, assembly.study
     if not isinstance(model.world, FilmsAndActuators) or not model.of_kind(Curvature):
         return assembly
-    whole, beyond = assembly.whole or study, assembly.beyond
+    whole, beyond = assembly.whole, assembly.beyond
     seen = tuple(
         Exclusion(None, FILES[fault.file], (str(fault.specimen),), ())
         for fault in in_another_unit(study)
         if fault.file in FILES
     )
     if seen:
-        rest = set_aside(study, seen)
-        found = without_suspects(rest, assemble(rest, forward), forward)
-        aside = (*seen, *found.aside)
-        rest = found.study or rest
-        return replace(found, study=rest, whole=whole, aside=aside, beyond=beyond)
+        found = without_suspects(assemble(set_aside(study, seen), forward), forward)
+        return replace(found, whole=whole, aside=(*seen, *found.aside), beyond=beyond)
     aside = asides(model, _suspects(study, model, forward))
     if not aside:
         return assembly
-    rest = set_aside(study, aside)
-    found = assemble(rest, forward)
-    return replace(found, study=rest, whole=whole, aside=aside, beyond=beyond)
+    found = assemble(set_aside(study, aside), forward)
+    return replace(found, whole=whole, aside=aside, beyond=beyond)
 
 
 def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tuple[Suspect, ...]:

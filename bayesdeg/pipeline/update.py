@@ -20,7 +20,6 @@ from bayesdeg.criticism.posterior.convergence import Convergence
 from bayesdeg.data.added import FILE, ExtendedTable, extend
 from bayesdeg.data.plausibility import Doubt, doubts, refuse_impossible
 from bayesdeg.data.study import Study
-from bayesdeg.data.uncertain import is_dimension
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason, write_bytes
 from bayesdeg.inference.laplace import Laplace
@@ -32,13 +31,9 @@ from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.pipeline.aside import readings_at
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.forecast import emulator_of, known_soil_of, refuse_impossible_draws
 from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.output import Owner, owner_of, update_folder
-from bayesdeg.pipeline.posterior import Posterior
-from bayesdeg.pipeline.progress import Progress
+from bayesdeg.pipeline.output import update_folder
 from bayesdeg.pipeline.reach import readings_beyond
-from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.record import Results, in_doubt
 from bayesdeg.pipeline.run import with_counts
 from bayesdeg.pipeline.run_record import (
@@ -50,7 +45,16 @@ from bayesdeg.pipeline.run_record import (
     peaks_of_memory,
     rests_on,
 )
+from bayesdeg.pipeline.stored import (
+    emulator_of,
+    known_soil_of,
+    refuse_impossible_draws,
+    run_in,
+    study_of,
+)
 from bayesdeg.pipeline.writing import BUILDS, Files, TableSources
+from bayesdeg.prediction.posterior import Posterior
+from bayesdeg.progress import Progress
 from bayesdeg.quantities import EFFORTS as KNOWN_EFFORTS
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
@@ -67,8 +71,6 @@ from bayesdeg.report.left_out import Guard, OptionalStage, table_stage
 from bayesdeg.report.record import (
     ConvergenceEntry,
     InDoubt,
-    LeftOutEntry,
-    MemberEntry,
     RunRecord,
     TakenInEntry,
     UpdateEntry,
@@ -157,13 +159,7 @@ def finished(report: Path) -> FinishedRun:
         If it is no folder of a finished run, if it has no actuators, or if its study is not where
         it was or has changed since.
     """
-    if not report.is_dir():
-        raise BayesdegError(
-            f"{report}: no such folder; name a run folder, such as reports/NAME, that "
-            "`bayesdeg run` has written"
-        )
-    folder = RunFolder(report)
-    run, verdict = folder.read_run(), folder.read_verdict()
+    folder, run, verdict = run_in(report)
     if run.forward:
         raise BayesdegError(
             f"{report}: runs with a user's forward map cannot be updated yet; add the readings to "
@@ -179,47 +175,24 @@ def finished(report: Path) -> FinishedRun:
             f"{report}: the run set specimens or readings aside (suspects.csv), which only a new "
             f"run can reconsider: add the rows to {FILE} of the study and run it again"
         )
-    study = _study_of(report, owner_of(report) or Owner(), run)
+    study = study_of(report, run)
     if study.line_points is not None:
         raise BayesdegError(
             f"{report}: the run uses lines of points, to which no readings can be added yet; add "
             f"the points to {study.lines_file} and run the study again"
         )
-    return FinishedRun(folder, run, verdict, study, _earlier(folder, run))
-
-
-def _study_of(report: Path, owner: Owner, run: RunRecord) -> Study:
-    place = report / owner.folder
-    if not owner.folder or not place.is_dir():
-        raise BayesdegError(
-            f"{report}: the study {owner.folder or run.study} of this run no longer exists, but an "
-            "update needs its readings: put it back, or run it again"
-        )
-    study = read_study(place)
-    names = {*run.hashes, *study.hashes}
-    changed = sorted(n for n in names if study.hashes.get(n) != run.hashes.get(n))
-    if changed:
-        raise BayesdegError(
-            f"{', '.join(changed)} of {study.name} changed since the run; run it again, so that "
-            "the posterior belongs to the current study"
-        )
-    return study
-
-
-def _earlier(folder: RunFolder, run: RunRecord) -> bytes | None:
-    """Return the rows added to a run earlier."""
     if run.update is None:
-        return None
+        return FinishedRun(folder, run, verdict, study, None)
     path = folder.path / ADDED
     try:
-        content = read_bytes(path, most_mb=STUDY_MB)
+        earlier = read_bytes(path, most_mb=STUDY_MB)
     except OSError as fault:
         raise BayesdegError(f"{path}: {reason(fault)}; update the original run again") from fault
-    if hashlib.sha256(content).hexdigest() != run.update.added_sha256:
+    if hashlib.sha256(earlier).hexdigest() != run.update.added_sha256:
         raise BayesdegError(
             f"{path}: this is not the file written with this run; update the original run again"
         )
-    return content
+    return FinishedRun(folder, run, verdict, study, earlier)
 
 
 def read_new(path: Path) -> bytes:
@@ -276,7 +249,7 @@ def _extended(of: FinishedRun, content: bytes, name: str) -> tuple[ExtendedTable
 
 
 def suspicions(before: Study, found: Sequence[Doubt], name: str) -> tuple[str, ...]:
-    """Return doubts about new rows, and refuse impossible ones.
+    """Return doubts about new rows, those that the study had before left out.
 
     Parameters
     ----------
@@ -320,51 +293,38 @@ def refuse_beyond(studies: tuple[Study, Study], model: JointModel, name: str) ->
         With a fault for each specimen: a run sets such readings aside before any model is fitted,
         in a finished one each model would be pulled by how far its own curves go.
     """
+
+    def beyond(study: Study) -> set[tuple[str, float, str, float]]:
+        curves = actuator_curves(study)
+        if curves is None:
+            return set()
+        tested = model.with_observations(*data_of_actuators(curves, model.base))
+        return set(readings_at(tested.places, readings_beyond(study, tested)))
+
     before, after = studies
-    beyond = _beyond(after, model)
+    new = beyond(after)
     pressures: dict[str, list[str]] = {}
-    for specimen, pressure, *_ in sorted(beyond - _beyond(before, model) if beyond else ()):
+    for specimen, pressure, *_ in sorted(new - beyond(before) if new else ()):
         pressures.setdefault(specimen, []).append(f"{pressure:g}")
     if pressures:
-        raise StudyError([_out_of_reach(name, *item) for item in pressures.items()])
-
-
-def _beyond(study: Study, model: JointModel) -> set[tuple[str, float, str, float]]:
-    curves = actuator_curves(study)
-    if curves is None:
-        return set()
-    tested = model.with_observations(*data_of_actuators(curves, model.base))
-    return set(readings_at(tested.places, readings_beyond(study, tested)))
-
-
-def _out_of_reach(name: str, specimen: str, pressures: Sequence[str]) -> Fault:
-    return Fault(
-        name,
-        f"by films and priors it balloons below {' and '.join(dict.fromkeys(pressures))} kPa, so "
-        "no model curve reaches that far",
-        f"leave these rows out, or add all rows to {FILE} of the study and run it again, which "
-        "sets such readings aside",
-        specimen=specimen,
-        column="pressure_kPa",
-    )
+        raise StudyError(
+            [
+                Fault(
+                    name,
+                    "by films and priors it balloons below "
+                    f"{' and '.join(dict.fromkeys(reached))} kPa, so no model curve reaches that "
+                    "far",
+                    f"leave these rows out, or add all rows to {FILE} of the study and run it "
+                    "again, which sets such readings aside",
+                    specimen=specimen,
+                    column="pressure_kPa",
+                )
+                for specimen, reached in pressures.items()
+            ]
+        )
 
 
 # ---- the posterior
-
-
-def _model_of_run(assembly: Assembly, names: tuple[str, ...]) -> JointModel:
-    """Return the model of the run with these parameter names."""
-    of_causes = (name for name in names if "." in name and not is_dimension(name))
-    wanted = dict.fromkeys(name.split(".")[0] for name in of_causes)
-    known = {cause.name: cause for cause in assembly.causes}
-    lacking = [name for name in wanted if name not in known]
-    model = assembly.extended(*(known[name] for name in wanted if name in known))
-    if lacking or set(model.table.names) != set(names):
-        raise BayesdegError(
-            "the posterior is of a different model from that of the study in this version; run the "
-            "study again"
-        )
-    return model
 
 
 def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Posterior]:
@@ -390,7 +350,7 @@ def _drawn(of: FinishedRun, assembly: Assembly) -> dict[str, Posterior]:
         stored, density = of.folder.read_draws(posterior)
         refuse_impossible_draws({str(n): v.to_numpy() for n, v in stored.items()}, of.folder.path)
         draws = {str(n): v.to_numpy().ravel() for n, v in stored.items()}
-        model = _model_of_run(assembly, tuple(draws))
+        model = assembly.with_parameters(draws)
         vectors = model.table.vectors(draws)[None, :, None, :]
         chain = Chain(vectors, density.reshape(vectors.shape[:3]), np.ones(1))
         found[posterior] = Posterior(model, chain)
@@ -418,8 +378,16 @@ def _taken_in(
         for tests in curves
     )
     vectors, density = drawn.chain.vectors[0, :, 0], drawn.chain.log_prob[0, :, 0]
-    _refuse_other_density(before, vectors, density, of)
-    worth = _independent(of.run, posterior, len(vectors))
+    some = np.unique(np.linspace(0, len(vectors) - 1, CHECKED).astype(np.intp))
+    if not np.all(np.abs(before.log_prob(vectors[some]) - density[some]) <= SAME):
+        raise BayesdegError(
+            f"{of.folder.path}: this version of bayesdeg ({bayesdeg.__version__}; the run: "
+            f"{of.run.version}) computes a density of its draws that differs from the record; run "
+            "the study again"
+        )
+    entry = of.run.convergence.get("base" if posterior == POSTERIOR_BASE else "final")
+    fewest = None if entry is None else entry.ess_min
+    worth = 1.0 if fewest is None else min(1.0, fewest / len(vectors))
     updated = take_in(
         before,
         model,
@@ -440,26 +408,6 @@ def _taken_in(
     return TakenIn(_fit(model, updated, generator), updated, vectors)
 
 
-def _refuse_other_density(
-    model: JointModel, vectors: Floats, known: Floats, of: FinishedRun
-) -> None:
-    """Refuse a run whose density this version computes differently."""
-    some = np.unique(np.linspace(0, len(vectors) - 1, CHECKED).astype(np.intp))
-    if not np.all(np.abs(model.log_prob(vectors[some]) - known[some]) <= SAME):
-        raise BayesdegError(
-            f"{of.folder.path}: this version of bayesdeg ({bayesdeg.__version__}; the run: "
-            f"{of.run.version}) computes a density of its draws that differs from the record; run "
-            "the study again"
-        )
-
-
-def _independent(run: RunRecord, posterior: str, count: int) -> float:
-    """Return the effective share of stored draws."""
-    entry = run.convergence.get("base" if posterior == POSTERIOR_BASE else "final")
-    fewest = None if entry is None else entry.ess_min
-    return 1.0 if fewest is None else min(1.0, fewest / count)
-
-
 def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) -> Fit:
     """Return draws of equal weight from an updated posterior, for tables."""
     sample = updated.posterior
@@ -471,28 +419,22 @@ def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) ->
     chain = Chain(vectors.reshape(*shape, -1), density.reshape(shape), np.ones(ENSEMBLES))
     best = int(np.argmax(density))
     laplace = Laplace(vectors[best], np.cov(vectors, rowvar=False), float(density[best]))
-    return Fit(model, laplace, sample, chain, _diagnosis(model, chain, sample.effective))
-
-
-def _diagnosis(model: JointModel, chain: Chain, effective: float) -> Convergence:
-    """Return diagnostics of draws that are independent except for duplicates.
-
-    They do not come from chains, so there is no R̂.
-    """
-    size = len(model.table)
-    return Convergence(
+    # independent but for duplicates, and not from chains, so there is no R̂
+    size, effective = len(model.table), (sample.effective,) * len(model.table)
+    diagnosis = Convergence(
         model.table.names,
         (float("nan"),) * size,
-        (effective,) * size,
-        (effective,) * size,
+        effective,
+        effective,
         chain.vectors.shape[1],
         1,
         ENSEMBLES,
         True,
-        (DRAWS / effective,) * size,
+        (DRAWS / sample.effective,) * size,
         EFFORTS[KNOWN_EFFORTS[0]],
         False,
     )
+    return Fit(model, laplace, sample, chain, diagnosis)
 
 
 # ---- the new run folder
@@ -575,45 +517,31 @@ def update(
     BayesdegError
         If the run cannot be updated, or the folder is not free.
     """
-    with threadpool_limits(limits=1):  # small matrices, and the same bits on every machine
-        asked = (report, content, name, out, seed, emulator)
-        return _update(*asked, progress=progress)
-
-
-def _update(
-    report: Path,
-    content: bytes,
-    name: str,
-    out: Path | None,
-    seed: int | None,
-    emulator: Path | None,
-    *,
-    progress: Progress,
-) -> UpdatedRun:
     begun = time.perf_counter()
-    progress.stage("reading")
-    of = finished(report)
-    found, before, after = _extended(of, content, name)
-    unlikely = doubts(after, outline(after).expected)
-    doubted = suspicions(before, unlikely, name)
-    forward = emulator_of(of.folder, of.run, emulator)
-    # priors and scales stay those of the run, whatever pressures were added
-    assembly = assemble(of.study, forward)
-    refuse_beyond((before, after), assembly.model, name)
-    drawn = _drawn(of, assembly)
-    target = out or default_target(report)
-    with update_folder(target, report, of.study) as folder:
-        results, taken = _results(of, assembly, drawn, (before, after), found, seed, progress)
-        progress.stage("predictions and tables")
-        entry = _entry(of, found, taken)
-        guard = Guard()
-        results = with_counts(results, _seed(of, seed, COUNTS_STREAM), guard)
-        _write(of, folder, after, results, guard, np.random.default_rng(_seed(of, seed, 0)))
-        _finish(of, folder, after, results, (found, entry, unlikely), guard, begun)
-    left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
-    moved = _moved(taken[POSTERIOR])
-    said = _said(entry, degrades=of.run.degrades)
-    return UpdatedRun(target, entry, moved, (*doubted, *said, *left_out))
+    with threadpool_limits(limits=1):  # small matrices, and the same bits on every machine
+        progress.stage("reading")
+        of = finished(report)
+        found, before, after = _extended(of, content, name)
+        unlikely = doubts(after, outline(after).expected)
+        doubted = suspicions(before, unlikely, name)
+        forward = emulator_of(of.folder, of.run, emulator)
+        # priors and scales stay those of the run, whatever pressures were added
+        assembly = assemble(of.study, forward)
+        refuse_beyond((before, after), assembly.model, name)
+        drawn = _drawn(of, assembly)
+        target = out or default_target(report)
+        with update_folder(target, report, of.study) as folder:
+            results, taken = _results(of, assembly, drawn, (before, after), found, seed, progress)
+            progress.stage("predictions and tables")
+            entry = _entry(of, found, taken)
+            guard = Guard()
+            results = with_counts(results, _seed(of, seed, COUNTS_STREAM), guard)
+            _write(of, folder, after, results, guard, np.random.default_rng(_seed(of, seed, 0)))
+            _finish(of, folder, after, results, (found, entry, unlikely), guard, begun)
+        left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
+        moved = _moved(taken[POSTERIOR])
+        said = sentences("run", "updated", update=entry, degrades=of.run.degrades)
+        return UpdatedRun(target, entry, moved, (*doubted, said, *left_out))
 
 
 def _results(
@@ -674,18 +602,14 @@ def _write(
     sources = TableSources(after, results, generator, guard, soil)
     for name in ANEW:
         files.table(name, partial(BUILDS[name], sources))
-    _keep_course(of, folder)
-    files.remove_others()
-    for path in _as_before(of.folder.path):
-        shutil.copyfile(path, folder.path / path.name)
-
-
-def _keep_course(of: FinishedRun, folder: RunFolder) -> None:
-    """Add the unchanged parameters of the course of degradation."""
+    # the course of degradation is unchanged
     old, new = (one.read_table(columns.PARAMETERS) for one in (of.folder, folder))
     if old is not None and new is not None and (old["model"] == "course").any():
         course = old[old["model"] == "course"]
         folder.write_table(columns.PARAMETERS, pd.concat([new, course], ignore_index=True))
+    files.remove_others()
+    for path in _as_before(of.folder.path):
+        shutil.copyfile(path, folder.path / path.name)
 
 
 def _as_before(path: Path) -> list[Path]:
@@ -699,7 +623,11 @@ def _as_before(path: Path) -> list[Path]:
 def _entry(of: FinishedRun, found: ExtendedTable, taken: Mapping[str, TakenIn]) -> UpdateEntry:
     """Return the record of an update."""
     names = {"final": POSTERIOR, "base": POSTERIOR_BASE}
-    before = of.run.update
+    before, model = of.run.update, of.run.model
+    # sets of causes that were averaged before this or an earlier update
+    averaged = (() if model is None else model.averaged) or (
+        () if before is None else before.not_averaged
+    )
     return UpdateEntry(
         run=str(of.folder.path.resolve()),
         times=1 + (0 if before is None else int(before.times or 0)),
@@ -718,18 +646,8 @@ def _entry(of: FinishedRun, found: ExtendedTable, taken: Mapping[str, TakenIn]) 
             for label, name in names.items()
         },
         as_before=("verdict.json", *(path.name for path in _as_before(of.folder.path))),
-        not_averaged=_not_averaged(of.run),
+        not_averaged=averaged,
     )
-
-
-def _not_averaged(run: RunRecord) -> tuple[MemberEntry, ...]:
-    """Return the sets of causes that were averaged before this or an earlier update."""
-    averaged = () if run.model is None else run.model.averaged
-    return averaged or (() if run.update is None else run.update.not_averaged)
-
-
-def _said(entry: UpdateEntry, *, degrades: bool) -> tuple[str, ...]:
-    return (sentences("run", "updated", update=entry, degrades=degrades),)
 
 
 def _finish(
@@ -748,7 +666,18 @@ def _finish(
     compare = partial(comparisons, after, results.final, results.counts_expected)
     compared = guard.attempt(OptionalStage.COMPARISONS, compare) or ()
     emulator = emulator_entry(results, guard)
-    lost = (*_still_left_out(of), *guard.entries())
+    # failed stages of the run that an update does not repeat
+    anew = {*(table_stage(name) for name in ANEW), *STAGES_ANEW}
+    lost = (*(one for one in of.verdict.left_out if one.stage not in anew), *guard.entries())
+    convergence = {
+        label: ConvergenceEntry(
+            r_hat_max=None,
+            ess_min=one.effective,
+            sentence=sentences("run", "taken_in", one=one),
+            usable=True,
+        )
+        for label, one in entry.posteriors.items()
+    }
     folder.write(of.verdict.model_copy(update={**dict(doubted), "left_out": lost}))
     folder.write_left_out(guard.traces())
     new = {
@@ -762,31 +691,13 @@ def _finish(
         "memory": {**of.run.memory, **peaks_of_memory("update")},
         "rests_on": tuple(rests_on(after, results.base.model)),
         "comparisons": tuple(compared),
-        "convergence": {**of.run.convergence, **_convergence(entry)},
+        "convergence": {**of.run.convergence, **convergence},
         "model": model_of(results.base.model, results.final.model, after),
         "posteriors": folder.posterior_hashes(),
         "left_out": lost,
         "update": entry,
     }
     folder.write(of.run.model_copy(update=new))
-
-
-def _still_left_out(of: FinishedRun) -> tuple[LeftOutEntry, ...]:
-    """Return the failed stages of the run that an update does not repeat."""
-    anew = {*(table_stage(name) for name in ANEW), *STAGES_ANEW}
-    return tuple(one for one in of.verdict.left_out if one.stage not in anew)
-
-
-def _convergence(entry: UpdateEntry) -> dict[str, ConvergenceEntry]:
-    return {
-        label: ConvergenceEntry(
-            r_hat_max=None,
-            ess_min=one.effective,
-            sentence=sentences("run", "taken_in", one=one),
-            usable=True,
-        )
-        for label, one in entry.posteriors.items()
-    }
 
 
 def _moved(taken: TakenIn) -> pd.DataFrame:

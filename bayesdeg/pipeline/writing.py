@@ -55,16 +55,14 @@ from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.averaged import stored_form
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
-from bayesdeg.pipeline.experience import experience_of
-from bayesdeg.pipeline.forecast import model_document
 from bayesdeg.pipeline.judge import Judgement
-from bayesdeg.pipeline.lifetime import default_hours, life_table, lifetime_of
-from bayesdeg.pipeline.posterior import Posterior
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
 from bayesdeg.pipeline.run_record import model_of
+from bayesdeg.pipeline.stored import model_document
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
-from bayesdeg.prediction.lifetime import Duty
+from bayesdeg.prediction.experience import experience_of
+from bayesdeg.prediction.lifetime import Duty, default_hours, life_table, lifetime_of
+from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.predictive import (
     Specimens,
     curvature_bands,
@@ -78,6 +76,7 @@ from bayesdeg.prediction.predictive import (
 )
 from bayesdeg.prediction.shares import curvature_shares, pressures_of
 from bayesdeg.prediction.soil import Soil
+from bayesdeg.progress import Silent
 from bayesdeg.report import tables as columns
 from bayesdeg.report.folder import (
     ADDED,
@@ -1044,9 +1043,9 @@ def write_pictures(folder: RunFolder, study: Study) -> None:
 #: nothing to tell. Those of checks and films are theirs.
 BUILDS: Mapping[str, Build] = {
     columns.CONSTANTS: lambda found: (
-        None
-        if found.results.assembly.own is not None
-        else _by_fit(lambda of, fit, label: constants(fit, label, of.generator), found)
+        _by_fit(lambda of, fit, label: constants(fit, label, of.generator), found)
+        if found.results.assembly.is_of_actuators
+        else None
     ),
     columns.PARAMETERS: lambda found: _joined(
         [parameters(fit, label) for label, fit in found.results.sampled.items()]
@@ -1058,7 +1057,7 @@ BUILDS: Mapping[str, Build] = {
     ),
     columns.ELONGATION: lambda found: elongation(found.results.final, found.generator),
     columns.MEASURED: lambda found: (
-        None if found.results.assembly.own is not None else measured(found.study)
+        measured(found.study) if found.results.assembly.is_of_actuators else None
     ),
     columns.BANDS: lambda found: _on_grid(found, curvature_bands),
     columns.RUPTURE: _rupture_table,

@@ -208,7 +208,7 @@ def largest_allowed(
     return Allowed(low, by_rupture=bool(unanswered < 0.5 * float(ended.burst.mean())))
 
 
-def control(
+def setting_for(
     specimens: Specimens,
     degradation: float | Floats,
     wanted: float,

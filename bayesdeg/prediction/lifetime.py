@@ -11,20 +11,40 @@ in time: it has burst by t if its strain exceeded its limit at any time up to t.
 that it has burst is the largest so far.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
-from bayesdeg.prediction.predictive import Specimens, respond_each
+from bayesdeg.prediction.experience import Experience
+from bayesdeg.prediction.forecast import (
+    COURSE_STREAM,
+    Forecast,
+    basis,
+    cautions,
+    ceiling_of,
+    said,
+    small_risk,
+    stream_of,
+)
+from bayesdeg.prediction.posterior import TIME, Posterior, Range
+from bayesdeg.prediction.predictive import Specimens, draw_specimens, not_below, respond_each
 from bayesdeg.prediction.soil import Level, Soil
+from bayesdeg.progress import Progress
+from bayesdeg.report import tables as columns
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 DRAWS, STRATA = 250, 12
+TIMES = 25  # number of default times
+WITHOUT_FILMS = 24.0  # h, default duration if no film limits it
+INTERVAL_OF_DRAWS = (0.05, 0.95)
+UNITS = {column.name: column.unit for column in columns.TABLES[columns.LIFETIME].columns}
 
 
 @dataclass(frozen=True)
@@ -154,7 +174,7 @@ def specimens_in_soil(
     draws = len(specimens.score) // specimens.strata
     drawn = soil.drawn(generator, draws)
     apart = generator.standard_normal((draws, specimens.strata))
-    share = drawn.film_scatter / drawn.values["degradation_limit"]
+    share = drawn.film_scatter / drawn.values["degradation_limit"]  # noqa: PD011
     # degradation cannot become negative
     factor = np.maximum(1.0 + share[:, None] * apart, 0.0)
 
@@ -213,4 +233,201 @@ def live(
         needed=needed,
         allowed=np.array([row[4] for row in found]),
         strata=specimens.strata,
+    )
+
+
+# ---- the life of new actuators from a posterior
+
+
+def default_hours(measured: Mapping[str, Range]) -> Floats:
+    """Return times from the beginning to the last at which films were taken out of the soil [h]."""
+    last = measured.get(TIME, (0.0, WITHOUT_FILMS))[1]
+    return np.linspace(0.0, float(last) or WITHOUT_FILMS, TIMES)
+
+
+def lifetime(
+    posterior: Posterior,
+    soil: Soil,
+    duty: Duty,
+    hours: Floats,
+    *,
+    beyond: bool,
+    seed: int,
+    progress: Progress,
+    conditions: ServiceConditions = PROMPT,
+) -> Forecast:
+    """Forecast how long new actuators do their duty in the soil; parameters as of `lifetime_of`.
+
+    ``beyond`` allows pressures above those tested. The messages are those for the first and the
+    last time.
+    """
+    life = lifetime_of(
+        *(posterior, soil, duty, hours),
+        seed=stream_of(seed),
+        progress=progress,
+        conditions=conditions,
+        experience=None if beyond else posterior.experience,
+    )
+    summary, ends = life_summary(posterior, life, duty), soil.levels(life.hours[[0, -1]])
+    allowed = {
+        float(rate): float(pressure)
+        for level, pressure in zip(ends, life.allowed[[0, -1]], strict=True)
+        for rate in level.interval
+    }
+    messages = (
+        *cautions(posterior, ends, np.array([duty.pressure]), conditions),
+        *basis(posterior, allowed, beyond=beyond),
+        *small_risk(posterior, duty.risk),
+    )
+    table = life_table(posterior, life, duty)
+    return Forecast(table, UNITS, messages, headline=str(summary), summary=summary.facts)
+
+
+def lifetime_of(
+    posterior: Posterior,
+    soil: Soil,
+    duty: Duty,
+    hours: Floats,
+    *,
+    seed: np.random.SeedSequence,
+    progress: Progress,
+    conditions: ServiceConditions = PROMPT,
+    experience: Experience | None = None,
+    draws: int = DRAWS,
+) -> Life:
+    """Return the life of new specimens in the soil.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of a model with actuators.
+    soil : Soil
+        The course of degradation.
+    duty : Duty
+        What they have to do.
+    hours : array, shape (n_times,)
+        Rising [h].
+    seed : SeedSequence
+        Everything random comes from it.
+    progress : Progress
+        Shows the times.
+    conditions : ServiceConditions
+        Of the specimens.
+    experience : Experience, optional
+        Bounds the pressure; by default the risk alone does.
+    draws : int
+        Of the posterior.
+    """
+    first, second = (np.random.default_rng(one) for one in seed.spawn(COURSE_STREAM + 2)[-2:])
+    specimens = draw_specimens(
+        *(posterior.model, posterior.chain, first),
+        draws=draws,
+        strata=STRATA,
+        conditions=conditions,
+    )
+    progress.stage("life in the soil", total=len(hours))
+    return live(
+        specimens,
+        specimens_in_soil(soil, specimens, second),
+        duty,
+        hours,
+        ceiling=lambda level: np.inf if experience is None else ceiling_of(experience, level),
+        shown=lambda time: progress.advance(1, f"{time:g} h"),
+    )
+
+
+def life_table(posterior: Posterior, life: Life, duty: Duty) -> pd.DataFrame:
+    """Return a life as a table, ``lifetime.csv``; what is not finite is empty.
+
+    No probability of rupture or failure is below one in the number of specimens that the model was
+    checked on; intervals are of the mean over a draw's specimens, over the posterior.
+    """
+    checks = posterior.checks()
+    burst, failed = (
+        [
+            not_below(one, checks)
+            for one in (
+                each.mean(axis=0),
+                *np.quantile(life.by_draw(each), INTERVAL_OF_DRAWS, axis=0),
+            )
+        ]
+        for each in (life.burst, life.failed)
+    )
+    bent = np.nan_to_num(life.curvature, nan=np.inf, posinf=np.inf)
+    found = [
+        life.hours,
+        *(np.full(len(life.hours), v) for v in (duty.pressure, duty.curvature, duty.risk)),
+        *np.quantile(life.degradation, INTERVAL, axis=0),
+        *np.quantile(bent, INTERVAL, axis=0, method="inverted_cdf"),
+        *(*burst, life.lost.mean(axis=0), *failed),
+        *np.quantile(life.needed, INTERVAL, axis=0, method="inverted_cdf"),
+        *(life.allowed, np.mean(life.needed <= life.allowed, axis=0)),
+    ]
+    headings = columns.TABLES[columns.LIFETIME].headings
+    table = pd.DataFrame(dict(zip(headings, found, strict=True)))
+    return table.replace([np.inf, -np.inf], np.nan)
+
+
+@dataclass(frozen=True)
+class LifeSummary:
+    """The summary of a life.
+
+    Parameters
+    ----------
+    duty : Duty
+        What was asked.
+    failure : (float, float, float)
+        Time after which 5, 50 and 95 % of new specimens have failed [h]; inf beyond the times.
+    reachable : (float, float, float)
+        Last time at which the allowed pressure suffices, in the same way [h].
+    first, last : float
+        The first and the last time [h].
+    failed, burst : float
+        Probability of having failed, and of having burst, by the last time [–].
+    allowed : float
+        Pressure that is allowed at the last time [kPa].
+    checks : int
+        N, one in which is the least probability that is known.
+    """
+
+    duty: Duty
+    failure: tuple[float, float, float]
+    reachable: tuple[float, float, float]
+    first: float
+    last: float
+    failed: float
+    burst: float
+    allowed: float
+    checks: int
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return said("life", s=self)
+
+    @property
+    def facts(self) -> dict[str, float | None]:
+        """Numbers by name; None if nothing fails or goes out of reach in time."""
+        named = {"time_to_failure": self.failure, "last_reachable": self.reachable}
+        return {
+            f"{name}_q{round(100 * q):02d}_h": None if np.isinf(value) else value
+            for name, values in named.items()
+            for q, value in zip(INTERVAL, values, strict=True)
+        }
+
+
+def life_summary(posterior: Posterior, life: Life, duty: Duty) -> LifeSummary:
+    """Summarize a life."""
+    failure, reachable = (
+        (float(v[0]), float(v[1]), float(v[2])) for v in (life.time_to_failure, life.last_reachable)
+    )
+    return LifeSummary(
+        duty=duty,
+        failure=failure,
+        reachable=reachable,
+        first=float(life.hours[0]),
+        last=float(life.hours[-1]),
+        failed=float(life.failed[:, -1].mean()),
+        burst=float(life.burst[:, -1].mean()),
+        allowed=float(life.allowed[-1]),
+        checks=posterior.checks(),
     )

@@ -17,7 +17,7 @@ from bayesdeg.inference.sampling import Chain
 from bayesdeg.inference.tree import to_datatree
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.forecast import model_document, read_stored
+from bayesdeg.pipeline.stored import model_document, read_stored
 from bayesdeg.prediction.predictive import curvature_bands, rupture_table
 from bayesdeg.report.folder import RunFolder
 from tests.inference.small_study import TRUTH, altered, values_of

@@ -12,8 +12,8 @@ from bayesdeg.actuator.reading import ReadByOperator, mechanics_of, operator_rat
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import simulate
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.forecast import as_recorded, model_document
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.pipeline.stored import as_recorded, model_document
 from bayesdeg.records import RecordError
 from bayesdeg.report.record import ModelEntry
 from tests.pipeline.planted_offset import emulator

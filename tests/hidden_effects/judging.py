@@ -30,7 +30,7 @@ from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import BASE, JUDGE_EFFORTS, Judgement, judge
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 
 NARROW = replace(JUDGE_EFFORTS["quick"], fitted=1, pairs=0)
 HOOKS = ("on_degradation", "on_inputs", "on_reading", "on_stress", "on_strength")

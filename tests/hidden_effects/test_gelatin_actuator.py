@@ -16,8 +16,8 @@ from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.observations.specimens import control_name
 from bayesdeg.pipeline import run as running
 from bayesdeg.pipeline.judge import judge
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run import fingerprint, run_study
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.page import build_page

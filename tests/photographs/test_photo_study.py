@@ -13,9 +13,9 @@ from bayesdeg.actuator.reading import bottom_lines, evenly, line_of_reading
 from bayesdeg.commands.check import check
 from bayesdeg.data.photographs import TracedPhotograph, messages, trace_rows
 from bayesdeg.errors import StudyError
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.writing import write_pictures
+from bayesdeg.progress import Silent
 from bayesdeg.report.drawing import Shown
 from bayesdeg.report.folder import PICTURES, RunFolder
 from bayesdeg.report.page import FIGURES

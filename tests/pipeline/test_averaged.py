@@ -22,10 +22,10 @@ from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.averaged import DRAWS, averaged, stored_form
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.forecast import AVERAGE, MODEL, read_stored
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import Results
 from bayesdeg.pipeline.run import Clock, conclude
+from bayesdeg.pipeline.stored import AVERAGE, MODEL, read_stored
+from bayesdeg.progress import Silent
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
 from bayesdeg.report.left_out import Guard
 from bayesdeg.report.record import MemberEntry

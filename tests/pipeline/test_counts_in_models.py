@@ -6,24 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bayesdeg as bd
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.counts import RuptureCounts, demand_of
 from bayesdeg.observations.kinds import State
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.experiment import ModelledExperiment
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 
 
 @pytest.fixture(scope="module")
 def experiment():
-    study = read_study(STUDY)
-    return ModelledExperiment(study, assemble(study))
+    return bd.Model(read_study(STUDY))
 
 
 def with_causes(experiment, *names):
-    causes = tuple(experiment.cause(name) for name in names)
-    return ModelledExperiment(experiment.study, experiment.assembly, causes).density
+    return experiment.with_causes(*names).density
 
 
 def test_the_base_model_is_not_fitted_to_them(experiment):

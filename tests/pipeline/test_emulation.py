@@ -18,7 +18,7 @@ from bayesdeg.emulator.campaign import (
 )
 from bayesdeg.emulator.kept import duration
 from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 from tests.emulator.closed_form import solution
 from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, build
 

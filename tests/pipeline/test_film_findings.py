@@ -16,7 +16,7 @@ from bayesdeg.pipeline.films import (
     common_error,
     course_summary,
 )
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 from bayesdeg.report.figures.films import course_figure
 from bayesdeg.report.folder import POSTERIOR_COURSE, RunFolder
 from bayesdeg.report.left_out import Guard

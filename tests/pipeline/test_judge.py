@@ -30,8 +30,8 @@ from bayesdeg.pipeline.judge import (
     readings_misfit,
     with_sampled_sizes,
 )
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.priors import LogNormal, Normal, with_priors
+from bayesdeg.progress import Silent
 from bayesdeg.report.left_out import Guard
 from tests.criticism.linear_case import tight_model, with_known_scatter
 from tests.emulator.closed_form import trained

@@ -12,10 +12,10 @@ from bayesdeg.observations.means import Means
 from bayesdeg.observations.specimens import LEAST_STIFFENING, modulus_100
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.forecast import _model, model_document
 from bayesdeg.pipeline.outline import outline, unused
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run_record import vendor_check
+from bayesdeg.pipeline.stored import model_document, stored_model
 from bayesdeg.priors import LogNormal
 from tests.inference.small_study import TRUTH
 from tests.pipeline.fresh_study import SETTINGS, fresh_study
@@ -104,7 +104,7 @@ def test_a_stored_neo_hookean_run_is_rebuilt_with_its_constants(tmp_path):
     entry = model_document(model, study)
     assert (entry.material_law, entry.stiffening) == ("neo_hookean", LEAST_STIFFENING)
     values = model.table.named(model.table.sample(np.random.default_rng(0), 4))
-    again = _model(entry, {name: v[None] for name, v in values.items()}, emulator())
+    again = stored_model(entry, {name: v[None] for name, v in values.items()}, emulator())
     level = np.array([0.0])
     np.testing.assert_allclose(
         again.world.constants(values, level),

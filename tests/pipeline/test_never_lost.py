@@ -369,6 +369,7 @@ class Judged:
 
     judgement: object
     with_suspects: object = None
+    assembly: object = None
 
 
 def test_the_search_for_suspects_and_the_verdict_with_them_may_break(monkeypatch):
@@ -376,8 +377,8 @@ def test_the_search_for_suspects_and_the_verdict_with_them_may_break(monkeypatch
     fault, guard, found = raising(RuntimeError("broken on purpose")), Guard(), Judged("a verdict")
     monkeypatch.setattr(run, "without_suspects", fault)
     monkeypatch.setattr(run, "_decision_of", fault)
-    assert run._without_suspects(None, found, None, guard) is found
-    assert run.judged_with_suspects(found, None, None, None, None, guard) == found
+    assert run._without_suspects(found, None, guard) is found
+    assert run.judged_with_suspects(found, None, None, None, guard) == found
     stages = [one.stage for one in guard.left_out]
     assert stages == [OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS]
 

@@ -111,7 +111,7 @@ def test_the_same_model_is_had_from_the_folder_and_from_python(folder):
 
     own = bd.Model(readings, length, parameters=[bd.Parameter("k", bd.LogNormal(2, 1), "mm/N")])
     vectors = model.table.sample(np.random.default_rng(0), 5)
-    np.testing.assert_array_equal(own.experiment.density.log_prob(vectors), model.log_prob(vectors))
+    np.testing.assert_array_equal(own.density.log_prob(vectors), model.log_prob(vectors))
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from bayesdeg.inference.model import CountedDensity, Refusals
 from bayesdeg.inference.sampling import Effort, sample
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.calibrate import calibrate
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.run_record import emulator_facts, refusal_words
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints
 from tests.emulator.closed_form import trained
 from tests.inference.small_study import altered, draws_near_truth, small_model, values_of

@@ -13,14 +13,14 @@ from bayesdeg.data.settings import SuspectOptions
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.pipeline import experiment, run
+from bayesdeg.pipeline import run
 from bayesdeg.pipeline import suspects as screening
 from bayesdeg.pipeline.aside import Exclusion, is_set_aside, set_aside
 from bayesdeg.pipeline.assemble import Assembly
-from bayesdeg.pipeline.progress import Silent
 from bayesdeg.pipeline.record import suspects_of
 from bayesdeg.pipeline.suspects import assemble_screened
 from bayesdeg.pipeline.writing import BUILDS
+from bayesdeg.progress import Silent
 from bayesdeg.report.headline import doubts_of
 from bayesdeg.report.record import InDoubt, SuspectEntry, VerdictRecord
 from bayesdeg.report.tables import SUSPECTS
@@ -64,14 +64,15 @@ def test_nobody_is_looked_for_unless_the_study_says_so(study, monkeypatch):
     wrong = asked(spoilt(study, "A10-2", halved), set_aside=False)
     assert not read_study(STUDY).settings.set_aside
     assembly = assemble_screened(wrong)
-    assert (assembly.aside, assembly.study, assembly.whole) == ((), None, None)
-    assert "A10-2" in assembly.model.data_of(Curvature).tests.specimens
+    assert assembly.aside == ()
+    assert assembly.study is assembly.whole is wrong
+    assert "A10-2" in assembly.model.actuator.specimens
 
 
 def test_no_table_of_suspects_is_written_unless_the_study_says_so(study):
     millibar = spoilt(study, "A10-2", in_millibar)
     model = SimpleNamespace(world=object.__new__(FilmsAndActuators))
-    results = SimpleNamespace(assembly=Assembly(model, (), {}, {}))
+    results = SimpleNamespace(assembly=Assembly(model, (), {}, {}, study=millibar, whole=millibar))
     found = SimpleNamespace(study=millibar, results=results)
     build = BUILDS[SUSPECTS]
     assert build(found)["set_aside"].tolist() == [0]
@@ -83,11 +84,8 @@ def test_no_table_of_suspects_is_written_unless_the_study_says_so(study):
 def test_nothing_of_the_study_of_the_readme_is_set_aside(study):
     assembly = assemble_screened(study)
     assert assembly.aside == ()
-    assert assembly.study is None
-    assert (
-        len(assembly.model.data_of(Curvature).tests.specimens)
-        == study.actuator["specimen_id"].nunique()
-    )
+    assert assembly.study is study
+    assert len(assembly.model.actuator.specimens) == study.actuator["specimen_id"].nunique()
 
 
 @pytest.mark.slow
@@ -174,8 +172,8 @@ def test_the_reader_learns_what_the_verdict_would_be_with_them():
 def test_python_judges_with_all_that_was_set_aside_too(study, monkeypatch):
     told, decision = [], SimpleNamespace(outcome=Outcome.NAMED)
 
-    def decided(whole, forward, *_):
-        assert len(whole.actuator) == len(study.actuator)
+    def decided(left, forward, *_):
+        assert len(left.whole.actuator) == len(study.actuator)
         assert forward is None
         return decision
 
@@ -185,13 +183,12 @@ def test_python_judges_with_all_that_was_set_aside_too(study, monkeypatch):
 
     model = SimpleNamespace(forward=None, actuator=None)
     monkeypatch.setattr(run, "_decision_of", decided)
-    monkeypatch.setattr(experiment, "can_be_judged", lambda _: True)
-    monkeypatch.setattr(experiment, "judged_fit", lambda *_, **__: object())
-    monkeypatch.setattr(experiment, "in_doubt", doubted)
-    monkeypatch.setattr(experiment, "verdict_of", lambda *_: VerdictRecord(outcome="adequate"))
+    monkeypatch.setattr(run, "can_be_judged", lambda _: True)
+    monkeypatch.setattr(run, "judged_fit", lambda *_, **__: object())
+    monkeypatch.setattr(run, "in_doubt", doubted)
+    monkeypatch.setattr(run, "verdict_of", lambda *_: VerdictRecord(outcome="adequate"))
     fit = SimpleNamespace(model=model)
     for aside, expected in (((picture(study),), decision), ((), None)):
         assembly = Assembly(model, (), {}, (), aside=aside, whole=study)
-        judging = experiment.ModelledExperiment(study, assembly)
-        judging.judge(fit, "quick", 1, Silent(), None)
+        run.verdict_on(assembly, fit, "quick", 1, progress=Silent(), executor=None)
         assert told.pop() is expected

@@ -7,7 +7,7 @@ import pytest
 
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline.calibrate import calibrate
-from bayesdeg.pipeline.progress import Silent
+from bayesdeg.progress import Silent
 from bayesdeg.report.checkpoints import Checkpoints
 from tests.inference.bimodal import two_normals
 

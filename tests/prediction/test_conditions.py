@@ -14,7 +14,7 @@ from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
-from bayesdeg.prediction.control import control
+from bayesdeg.prediction.control import setting_for
 from bayesdeg.prediction.predictive import (
     QUANTILES,
     Grid,
@@ -315,7 +315,7 @@ def test_causes_of_time_cycle_humidity_and_mount_move_control_and_risk(surrogate
     model = model_with(surrogate, name)
     chain = chain_at(model, elongation_at_0=60.0, **sizes(name))
     prompt, used = (
-        control(
+        setting_for(
             draw_specimens(model, chain, np.random.default_rng(1), draws=30, conditions=one),
             *(0.0, 6.0),
             risk=0.3,
@@ -336,7 +336,7 @@ def test_the_pressure_set_under_creep_is_less_by_its_share_of_the_load():
     chain = chain_at(model, **effect)
     held = ServiceConditions(hold_s=HOLD)
     specimens = draw_specimens(model, chain, np.random.default_rng(1), draws=5, conditions=held)
-    found = control(specimens, 0.0, 5.0, risk=0.05, first=LARGEST)
+    found = setting_for(specimens, 0.0, 5.0, risk=0.05, first=LARGEST)
     share = 1.0 + effect["creep.amount"] * -np.expm1(-HOLD / effect["creep.time_constant"])
     straight = 1e3 * TRUTH["c1_at_0"] * np.cbrt(TRUTH["volume_ratio"]) * 5.0 / 40.0
     assert found.pressure == pytest.approx(straight / share, rel=1e-6)

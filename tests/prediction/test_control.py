@@ -9,7 +9,12 @@ from scipy.stats import kstest, norm
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.status import Status
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.prediction.control import control, largest_allowed, needed_by, needed_pressure
+from bayesdeg.prediction.control import (
+    largest_allowed,
+    needed_by,
+    needed_pressure,
+    setting_for,
+)
 from bayesdeg.prediction.predictive import draw_specimens, finer, respond
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.laboratory.linear_actuator import LinearActuator
@@ -56,7 +61,7 @@ def specimens_of(forward=None, *, draws=20, strata=6, **changes):
 
 
 def setting(specimens, wanted=5.0, risk=0.05, degradation=0.0):
-    return control(specimens, degradation, wanted, risk=risk, first=FIRST)
+    return setting_for(specimens, degradation, wanted, risk=risk, first=FIRST)
 
 
 def straight_pressure(wanted):

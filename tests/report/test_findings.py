@@ -59,10 +59,9 @@ from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sen
 from bayesdeg.inference.sampling import Effort
 from bayesdeg.pipeline.films import CommonError, CourseSummary
 from bayesdeg.pipeline.judge import Description
-from bayesdeg.pipeline.lifetime import LifeSummary
 from bayesdeg.pipeline.run_record import VendorCheck, VendorFigure
 from bayesdeg.prediction.control import Allowed, Setting
-from bayesdeg.prediction.lifetime import Duty
+from bayesdeg.prediction.lifetime import Duty, LifeSummary
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.report.left_out import OptionalStage
 from bayesdeg.report.record import BurstEntry, MemberEntry, UpdateEntry, VerdictRecord

@@ -10,13 +10,13 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.pipeline.experience import Experience, experience_of
-from bayesdeg.pipeline.formula import UserMap
+from bayesdeg.prediction.experience import Experience, experience_of
 from bayesdeg.prediction.predictive import DRAWS, fewest_checks, specimens_tested
 from bayesdeg.report.record import MemberEntry, ModelEntry, RunRecord, VerdictRecord
 
 Range = tuple[float, float]
 
+TIME = "time_h"  # in the soil, in tables and among the measured ranges
 NOT_RECORDED = RunRecord(title="calibration")
 NOT_JUDGED = VerdictRecord(outcome=Outcome.NOT_JUDGED)
 
@@ -37,8 +37,6 @@ class Posterior:
         Sets of causes over which the draws are averaged; none where they are of one set.
     number : array, shape (n,)
         Of the member that each draw belongs to.
-    own : UserMap, optional
-        The user's forward map and readings; None for films and actuators.
     run, verdict : RunRecord, VerdictRecord
         Of the run that stored it; a fresh calibration has none, and the defaults say nothing.
     """
@@ -48,7 +46,6 @@ class Posterior:
     tested: ModelEntry = field(default_factory=ModelEntry)
     members: tuple[MemberEntry, ...] = ()
     number: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    own: UserMap | None = None
     run: RunRecord = NOT_RECORDED
     verdict: VerdictRecord = NOT_JUDGED
 

@@ -15,13 +15,12 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.causes.cause import Cause, Effect
-from bayesdeg.errors import BayesdegError, use_one_of
+from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations import readings as flat
 from bayesdeg.observations.kinds import Places, Scale, joined_places
 from bayesdeg.observations.readings import Formula, FormulaReadings, places_of
 from bayesdeg.priors import Distribution, HalfNormal, Named, Parameter
-from bayesdeg.report.record import ForwardMapEntry, MapNoiseEntry
 
 Floats = NDArray[np.float64]
 Forward = Callable[[dict[str, Floats], Any], ArrayLike]
@@ -35,11 +34,6 @@ _ON_ARRAYS = re.compile(
 )
 FOR_ARRAYS = "write it for arrays: np.exp for math.exp, np.where for if"
 PROBED = 3  # parameter vectors for trying a forward map
-PRIOR_DRAWS = 400  # prior draws for counting answers: a share of 5 % has a standard error of 1 %
-CALLED_TWICE = 32  # of these
-SAME_ANSWER = (
-    1e-9  # relative to the largest prediction; parallel sums differ by less and are not noise
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +106,8 @@ class Readings:
                 )
         if isinstance(self.error, (bool, str)):
             raise BayesdegError(f"{self.name}: error must be a number, an array or a prior law")
-        known = None if self.error is None or self._has_error_parameter else self.error
-        if known is not None and not np.all(np.asarray(known, dtype=np.float64) > 0.0):
+        is_known = not (self.error is None or isinstance(self.error, (Distribution, Parameter)))
+        if is_known and not np.all(np.asarray(self.error, dtype=np.float64) > 0.0):
             raise BayesdegError(f"{self.name}: error must be above 0, not {self.error}")
         object.__setattr__(self, "x", x)
         object.__setattr__(self, "y", y)
@@ -133,10 +127,6 @@ class Readings:
             law = self.scatter if isinstance(self.scatter, Distribution) else self._default()
             found.append(Parameter(f"{self.name}_scatter", law, self.unit, meaning))
         return tuple(found)
-
-    @property
-    def _has_error_parameter(self) -> bool:
-        return isinstance(self.error, (Distribution, Parameter))
 
     def parameter_of(self, what: str) -> str:
         """Return the name of the parameter of ``error`` or ``scatter``."""
@@ -239,7 +229,23 @@ class UserMap:
                 "a Model needs a study, or a list of Readings and a forward map, not "
                 f"{', '.join(wrong) or 'an empty list'}"
             )
-        return cls(blocks, _maps(blocks, forward))
+        names = [block.name for block in blocks]
+        if len(set(names)) < len(names):
+            raise BayesdegError(
+                f"several kinds of readings need distinct names, Readings(..., name=), not {names}"
+            )
+        if isinstance(forward, Mapping):
+            missing = [name for name in names if not callable(forward.get(name))]
+            if missing:
+                raise BayesdegError(f"forward has no function for {', '.join(missing)}")
+            return cls(blocks, forward)
+        if not callable(forward):
+            raise BayesdegError("readings need a forward map: Model([...], forward=function)")
+        if len(names) > 1:
+            raise BayesdegError(
+                f"there are several kinds of readings: give forward={{{names[0]!r}: function, ...}}"
+            )
+        return cls(blocks, {names[0]: forward})
 
     @property
     def title(self) -> str:
@@ -264,7 +270,7 @@ class UserMap:
                 common=partial(self._sizes, "scatter"),
                 read_in={block.name: block.scale for block in self.readings},
             )
-            formula = Formula(self._predicted, _asked, _side_by_side, _of_blocks)
+            formula = Formula(self._predicted, _asked, _side_by_side, _of_blocks, made_of=self)
             return JointModel((*parameters, *extra), (read,), formula)
         except ValueError as fault:
             raise BayesdegError(str(fault)) from fault
@@ -272,7 +278,8 @@ class UserMap:
     def at(self, model: JointModel, block: Readings, x: Any) -> JointModel:
         """Return a model, of which this is the forward map, of one kind of readings at other x."""
         plain: dict[str, Any] = {"specimen": None, "level": 0.0, "time": np.nan, "history": "once"}
-        at = replace(block, x=x, y=np.zeros(_count(x)), error=1.0, scatter=False, **plain)
+        count = max((len(column) for _, column in columns_of(x)), default=0)
+        at = replace(block, x=x, y=np.zeros(count), error=1.0, scatter=False, **plain)
         return replace(self, readings=(at,)).model(model.base).extended(*model.causes)
 
     def _predicted(self, asked: _Asked, conditions: tuple[Any, ...]) -> tuple[Floats, ...]:
@@ -302,8 +309,10 @@ class UserMap:
         return np.concatenate(columns, axis=1)
 
 
-def _count(x: Any) -> int:
-    return max((len(column) for _, column in columns_of(x)), default=0)
+def user_map(model: JointModel) -> UserMap | None:
+    """Return the user's forward map of a model; None of films and actuators."""
+    made_of = model.world.made_of if isinstance(model.world, Formula) else None
+    return made_of if isinstance(made_of, UserMap) else None
 
 
 def probe(model: JointModel) -> None:
@@ -336,71 +345,6 @@ def is_for_numbers(fault: BaseException) -> bool:
     True
     """
     return _ON_ARRAYS.search(str(fault)) is not None
-
-
-def answers_of(model: JointModel) -> ForwardMapEntry:
-    """Count prior draws without a finite prediction, and call the map twice with the same values.
-
-    Each kind of readings whose predictions differ between the two calls is listed with their
-    standard deviation, the rms difference over √2.
-    """
-    vectors = model.table.sample(np.random.default_rng(0), PRIOR_DRAWS)
-    with np.errstate(all="ignore"):
-        first = model.expected(vectors)
-        change = model.expected(vectors[:CALLED_TWICE]) - first[:CALLED_TWICE]
-    answered = np.isfinite(first)
-    kinds, noise = model.places.kind, []
-    for kind in dict.fromkeys(kinds.tolist()):
-        rows = kinds == kind
-        moved = change[:, rows][np.isfinite(change[:, rows])]
-        largest = np.max(np.abs(first[:, rows]), where=answered[:, rows], initial=0.0)
-        if np.any(np.abs(moved) > SAME_ANSWER * largest):
-            unit, sd = model.scales[kind].unit, float(np.sqrt(np.mean(moved**2) / 2.0))
-            noise.append(MapNoiseEntry(kind=kind, unit=unit, sd=sd))
-    return ForwardMapEntry(
-        prior_draws=PRIOR_DRAWS,
-        prior_unanswered=float(np.mean(~answered.all(axis=1))),
-        noise=tuple(noise),
-    )
-
-
-def cause_of(given: Cause | str, known: Iterable[Cause]) -> Cause:
-    """Return a user's cause, given itself or its name.
-
-    Raises
-    ------
-    BayesdegError
-        If there is none of that name.
-    """
-    if isinstance(given, Cause):
-        return given
-    named = {cause.name: cause for cause in known}
-    if given not in named:
-        remedy = use_one_of(given, named) if named else "give the bayesdeg.Cause itself"
-        raise BayesdegError(f"there is no cause {given!r} of this model; {remedy}")
-    return named[given]
-
-
-def _maps(
-    blocks: tuple[Readings, ...], forward: Forward | Mapping[str, Forward] | None
-) -> Mapping[str, Forward]:
-    names = [block.name for block in blocks]
-    if len(set(names)) < len(names):
-        raise BayesdegError(
-            f"several kinds of readings need distinct names, Readings(..., name=), not {names}"
-        )
-    if isinstance(forward, Mapping):
-        missing = [name for name in names if not callable(forward.get(name))]
-        if missing:
-            raise BayesdegError(f"forward has no function for {', '.join(missing)}")
-        return forward
-    if not callable(forward):
-        raise BayesdegError("readings need a forward map: Model([...], forward=function)")
-    if len(names) > 1:
-        raise BayesdegError(
-            f"there are several kinds of readings: give forward={{{names[0]!r}: function, ...}}"
-        )
-    return {names[0]: forward}
 
 
 def _asked(values: Named, conditions: tuple[Any, ...]) -> _Asked:
