@@ -125,7 +125,7 @@ def test_settings_state_the_operator():
     settings, faults = parse_settings(b'[reading]\noperator = "circle"\npoints = 12\n')
     assert not faults
     assert (settings.reading.operator, settings.reading.points) == ("circle", 12)
-    assert parse_settings(b"")[0].operator is None
+    assert parse_settings(b"")[0].reading.operator is None
     _, faults = parse_settings(b'[reading]\noperator = "parabola"\n')
     assert "circle" in str(faults[0])
     _, faults = parse_settings(b'[reading]\nname = "x"\n')

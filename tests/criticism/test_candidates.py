@@ -88,7 +88,7 @@ def test_causes_fitted_alone_are_told_against_the_base_model():
     found = {c.cause: c for c in candidates(search, [], {}, np.random.default_rng(3))}
     for name in ("lag", "wave"):
         one = found[name]
-        assert one.fitted
+        assert one.judged_by == "full fit"
         assert one.log_bayes_factor == search.factor(frozenset({name}))
         assert one.elpd_diff is None
         assert set(one.effect) == {"size"}

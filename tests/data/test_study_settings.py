@@ -252,10 +252,10 @@ def test_several_impossible_dimensions_are_all_named() -> None:
 
 def test_a_recipe_is_read_with_or_without_its_uncertainty() -> None:
     text = "[shrinkage]\nglycerol = 1.5\ngelatin_density = { value = 1.3, sd = 0.05 }\n"
-    recipe = parse(text).recipe
+    recipe = parse(text).shrinkage
     assert recipe == MixtureRecipe(glycerol=Known(1.5), gelatin_density=Known(1.3, 0.05))
-    assert parse("[shrinkage]\n[shrinkage.water]\nvalue = 9\n").recipe.water == Known(9.0)
-    assert parse("").recipe == MixtureRecipe()
+    assert parse("[shrinkage]\n[shrinkage.water]\nvalue = 9\n").shrinkage.water == Known(9.0)
+    assert parse("").shrinkage == MixtureRecipe()
 
 
 @pytest.mark.parametrize(

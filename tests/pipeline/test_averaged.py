@@ -24,7 +24,8 @@ from bayesdeg.pipeline.averaged import DRAWS, averaged, stored_form
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.record import Results
 from bayesdeg.pipeline.run import Clock, conclude
-from bayesdeg.pipeline.stored import AVERAGE, MODEL, read_stored
+from bayesdeg.pipeline.stored import read_stored
+from bayesdeg.prediction.forecast import AVERAGE, MODEL
 from bayesdeg.progress import Silent
 from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
 from bayesdeg.report.left_out import Guard

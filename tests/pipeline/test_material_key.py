@@ -186,7 +186,7 @@ def test_a_vendors_modulus_is_a_datum_of_the_fresh_material(tmp_path):
     keys = "[vendor]\nmodulus_100 = { value = 900, sd = 90 }\nsource = 'data sheet'\n"
     study = with_keys(tmp_path, keys)
     (means,) = (one for one in outline(study).observations if isinstance(one, Means))
-    (one,) = means.data_of(Means).statistics
+    (one,) = means.statistics
     assert (one.quantity, one.degradation, one.dof) == ("modulus_100", 0.0, np.inf)
     assert (one.value, one.se) == pytest.approx((0.9, 0.09))
     model = assemble(study, emulator()).model

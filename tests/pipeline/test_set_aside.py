@@ -62,11 +62,11 @@ def test_nobody_is_looked_for_unless_the_study_says_so(study, monkeypatch):
 
     monkeypatch.setattr(screening, "without_suspects", looked)
     wrong = asked(spoilt(study, "A10-2", halved), set_aside=False)
-    assert not read_study(STUDY).settings.set_aside
+    assert not read_study(STUDY).settings.suspects.set_aside
     assembly = assemble_screened(wrong)
     assert assembly.aside == ()
     assert assembly.study is assembly.whole is wrong
-    assert "A10-2" in assembly.model.actuator.specimens
+    assert "A10-2" in assembly.model.data_of(Curvature).tests.specimens
 
 
 def test_no_table_of_suspects_is_written_unless_the_study_says_so(study):
@@ -85,7 +85,10 @@ def test_nothing_of_the_study_of_the_readme_is_set_aside(study):
     assembly = assemble_screened(study)
     assert assembly.aside == ()
     assert assembly.study is study
-    assert len(assembly.model.actuator.specimens) == study.actuator["specimen_id"].nunique()
+    assert (
+        len(assembly.model.data_of(Curvature).tests.specimens)
+        == study.actuator["specimen_id"].nunique()
+    )
 
 
 @pytest.mark.slow
