@@ -29,14 +29,11 @@ from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
 from bayesdeg.data.settings import AnyDimensions
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.campaign import Campaign, expect, train_emulator
-from bayesdeg.emulator.kept import CACHE, duration, refuse_whole_range, rough_seconds
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import find, write_trained
-from bayesdeg.emulator.workers import kept_processes
 from bayesdeg.errors import BayesdegError, Stopped, use_one_of
 from bayesdeg.inference.sampling import EFFORTS as SAMPLING_EFFORTS
+from bayesdeg.pages.checkpoints import NoCheckpoints
+from bayesdeg.pages.headline import forward_map_words
+from bayesdeg.pages.tables import ALL_LEVELS
 from bayesdeg.pipeline.calibrate import base_of
 from bayesdeg.pipeline.calibrate import calibrate as calibrate_model
 from bayesdeg.pipeline.judge import extended_model
@@ -50,10 +47,13 @@ from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.soil import Level, known_levels
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import EFFORTS, Effort
-from bayesdeg.report.checkpoints import NoCheckpoints
-from bayesdeg.report.headline import forward_map_words
-from bayesdeg.report.tables import ALL_LEVELS
 from bayesdeg.results import Calibration, Model, Report, Update, Verdict, write_run
+from bayesdeg.surrogate.campaign import Campaign, expect, train_emulator
+from bayesdeg.surrogate.kept import CACHE, duration, refuse_whole_range, rough_seconds
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import find, write_trained
+from bayesdeg.surrogate.workers import kept_processes
 from bayesdeg.training import STORE, TrainingOptions, emulator_for, refuse_cells
 
 Floats = NDArray[np.float64]

@@ -23,14 +23,16 @@ from bayesdeg.criticism.findings import Candidate
 from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.kept import refuse_whole_range
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import find as find_emulator
 from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.own_map import Forward, Readings, UserMap, probe
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.tree import to_datatree
+from bayesdeg.pages.folder import POSTERIOR, RunFolder
+from bayesdeg.pages.headline import size_of
+from bayesdeg.pages.left_out import Guard
+from bayesdeg.pages.record import TakenInEntry, VerdictRecord
+from bayesdeg.pages.wording import SPACE, sentences, worded
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
 from bayesdeg.pipeline.calibrate import Fit
@@ -57,11 +59,9 @@ from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
-from bayesdeg.report.folder import POSTERIOR, RunFolder
-from bayesdeg.report.headline import size_of
-from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import TakenInEntry, VerdictRecord
-from bayesdeg.report.wording import SPACE, sentences, worded
+from bayesdeg.surrogate.kept import refuse_whole_range
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import find as find_emulator
 
 SHOWN = 5  # candidates in a printed verdict
 MOVED = 8  # parameters in a printed update

@@ -21,54 +21,8 @@ from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.campaign import (
-    Campaign,
-    Expectation,
-    endings,
-    expect,
-    solve_campaign,
-    train_emulator,
-)
-from bayesdeg.emulator.kept import (
-    AT_THE_POSTERIOR,
-    CACHE,
-    Recipe,
-    backend_of,
-    duration,
-    has_ground,
-    local_recipe,
-)
-from bayesdeg.emulator.local import (
-    MORE_COARSE,
-    MORE_FINE,
-    REFINABLE_PCT,
-    ROUNDS,
-    TARGET_OUTSIDE,
-    TARGET_PCT,
-    LocalDesign,
-    local_design,
-    span_of,
-    units_for,
-)
-from bayesdeg.emulator.refinement import TooFewCurvesError
-from bayesdeg.emulator.scaling import TrainingRange
-from bayesdeg.emulator.solutions import ANSWERS, Run, SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import (
-    asked_for,
-    covering,
-    ended_with_refinement,
-    find,
-    is_current_fit,
-    is_refined,
-    lacking,
-    not_refined,
-    read_trained,
-    refuse_lacking,
-    surrogate_for,
-    write_trained,
-)
 from bayesdeg.errors import BayesdegError, Stopped
+from bayesdeg.pages.wording import fixed, percent, words
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.region import (
     LAST_ROUNDS,
@@ -83,7 +37,53 @@ from bayesdeg.pipeline.region import (
 )
 from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.progress import Progress
-from bayesdeg.report.wording import fixed, percent, words
+from bayesdeg.surrogate.campaign import (
+    Campaign,
+    Expectation,
+    endings,
+    expect,
+    solve_campaign,
+    train_emulator,
+)
+from bayesdeg.surrogate.kept import (
+    AT_THE_POSTERIOR,
+    CACHE,
+    Recipe,
+    backend_of,
+    duration,
+    has_ground,
+    local_recipe,
+)
+from bayesdeg.surrogate.local import (
+    MORE_COARSE,
+    MORE_FINE,
+    REFINABLE_PCT,
+    ROUNDS,
+    TARGET_OUTSIDE,
+    TARGET_PCT,
+    LocalDesign,
+    local_design,
+    span_of,
+    units_for,
+)
+from bayesdeg.surrogate.refinement import TooFewCurvesError
+from bayesdeg.surrogate.scaling import TrainingRange
+from bayesdeg.surrogate.solutions import ANSWERS, Run, SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import (
+    asked_for,
+    covering,
+    ended_with_refinement,
+    find,
+    is_current_fit,
+    is_refined,
+    lacking,
+    not_refined,
+    read_trained,
+    refuse_lacking,
+    surrogate_for,
+    write_trained,
+)
 
 RECIPE = Recipe()
 STORE = Path(".cache/campaign")  # folder of solutions, under the working directory

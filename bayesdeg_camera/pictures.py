@@ -23,10 +23,10 @@ from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import read_bytes
 from bayesdeg.material.degradation import levels
+from bayesdeg.pages.folder import PICTURES, RunFolder
+from bayesdeg.pages.tables import PHOTO_LINES, TABLES
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import fitted_inputs
-from bayesdeg.report.folder import PICTURES, RunFolder
-from bayesdeg.report.tables import PHOTO_LINES, TABLES
 from bayesdeg_camera.tracing.picture import read_picture
 from bayesdeg_camera.tracing.plane import mapped
 from bayesdeg_camera.tracing.record import hash_of

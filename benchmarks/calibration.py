@@ -61,11 +61,11 @@ from bayesdeg.data.study import read_study
 from bayesdeg.inference.model import JointModel, replicate
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit, calibrate
 from bayesdeg.pipeline.run import fingerprint
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import Checkpoints
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ EFFORT = "quick"
 DRAWS = 99  # ranks from 0 to 99
 DENSITY = "log density"
 LAWS = (
-    *("priors.py", "material", "causes", "emulator", "observations", "inference"),
+    *("priors.py", "material", "causes", "surrogate", "observations", "inference"),
     "pipeline/calibrate.py",
 )
 

@@ -4,7 +4,7 @@
 
 ``error_pct`` is the rms over pressures and actuators of the relative deviation of curvature on the
 fine mesh of ``local_recipe`` from an extrapolation to vanishing elements by ever finer meshes, as
-h^p with the observed p. ``MESH_ERROR`` of `bayesdeg.emulator.kept` rests on it.
+h^p with the observed p. ``MESH_ERROR`` of `bayesdeg.surrogate.kept` rests on it.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint, CylindricalDimensions
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.kept import local_recipe
+from bayesdeg.surrogate.kept import local_recipe
 
 Floats = NDArray[np.float64]
 SILICONE = MaterialGroups(-0.014, 0.004, 300.0, paper_thickness=0.1)

@@ -43,7 +43,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import ActuatorMesh, build_mesh, graded
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.surrogate.trained import default_surrogate
 
 STORE = Path(__file__).with_suffix(".json")
 BASE = (3.0, 2.0, 2.0)  # largest brick of the base mesh along, across and up [mm]

@@ -49,10 +49,10 @@ import emulator_posterior
 import emulator_speed
 from forward_case import say
 
-from bayesdeg.emulator.kept import outdated
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import default_surrogate, is_refined, read_trained
+from bayesdeg.surrogate.kept import outdated
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import default_surrogate, is_refined, read_trained
 
 Document = dict[str, Any]
 STORE = Path(".cache/campaign")

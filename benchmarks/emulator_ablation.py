@@ -15,12 +15,12 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import runs
-from bayesdeg.emulator.fit import PLANS, WHOLE, FitPlan, train
-from bayesdeg.emulator.kept import Recipe, mesh_error_of
-from bayesdeg.emulator.scaling import TrainingRange
-from bayesdeg.emulator.solutions import Run, SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.surrogate.campaign import runs
+from bayesdeg.surrogate.fit import PLANS, WHOLE, FitPlan, train
+from bayesdeg.surrogate.kept import Recipe, mesh_error_of
+from bayesdeg.surrogate.scaling import TrainingRange
+from bayesdeg.surrogate.solutions import Run, SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
 
 TIMED = 1  # curves of each mesh whose derivatives are timed
 

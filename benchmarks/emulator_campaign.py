@@ -22,9 +22,9 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import COARSE
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import complete
-from bayesdeg.emulator.solutions import Run, SolutionStore
-from bayesdeg.emulator.workers import WorkerProcesses, cluster_executor, solve
+from bayesdeg.surrogate.campaign import complete
+from bayesdeg.surrogate.solutions import Run, SolutionStore
+from bayesdeg.surrogate.workers import WorkerProcesses, cluster_executor, solve
 
 DASK = Path(sysconfig.get_path("scripts")) / "dask"
 GEOMETRY = Geometry(Dimensions(length=20.0, chambers=2))

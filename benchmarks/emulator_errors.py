@@ -13,13 +13,13 @@ from scipy.stats import norm
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator import campaign
-from bayesdeg.emulator.fit import fit_limit
-from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.regression import reach
-from bayesdeg.emulator.scaling import Place
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.surrogate import OUTPUTS, Surrogate
+from bayesdeg.surrogate import campaign
+from bayesdeg.surrogate.fit import fit_limit
+from bayesdeg.surrogate.kept import Recipe
+from bayesdeg.surrogate.regression import reach
+from bayesdeg.surrogate.scaling import Place
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.surrogate import OUTPUTS, Surrogate
 
 Floats = NDArray[np.float64]
 

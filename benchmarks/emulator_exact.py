@@ -22,11 +22,11 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Resolution
-from bayesdeg.emulator.campaign import Finished, complete, missing
-from bayesdeg.emulator.regression import FLOOR, Observed, observe
-from bayesdeg.emulator.scaling import GROUPS, LOAD, MATERIAL, NAMES, Place, groups_of
-from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.surrogate.campaign import Finished, complete, missing
+from bayesdeg.surrogate.regression import FLOOR, Observed, observe
+from bayesdeg.surrogate.scaling import GROUPS, LOAD, MATERIAL, NAMES, Place, groups_of
+from bayesdeg.surrogate.solutions import Kind, Run, SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from bayesdeg.actuator.mesh import CONVERGED
 from bayesdeg.actuator.outputs import OUTPUTS as READINGS
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import Finished, complete, missing
-from bayesdeg.emulator.design import study_like
-from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
+from bayesdeg.surrogate.campaign import Finished, complete, missing
+from bayesdeg.surrogate.design import study_like
+from bayesdeg.surrogate.solutions import Kind, Run, SolutionStore
 
 Floats = NDArray[np.float64]
 

@@ -38,10 +38,6 @@ from bayesdeg.actuator.status import CONVERGED, Resolution
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.linear import with_neutral
 from bayesdeg.data.study import Study, read_study
-from bayesdeg.emulator.refinement import refine
-from bayesdeg.emulator.scaling import LOAD, groups_of
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel
@@ -49,6 +45,10 @@ from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.region import asked_of
 from bayesdeg.priors import Named
+from bayesdeg.surrogate.refinement import refine
+from bayesdeg.surrogate.scaling import LOAD, groups_of
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 

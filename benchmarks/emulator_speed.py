@@ -11,11 +11,11 @@ from emulator_held_out import HeldOut
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import build, runs
-from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import to_bytes
+from bayesdeg.surrogate.campaign import build, runs
+from bayesdeg.surrogate.kept import Recipe
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import to_bytes
 
 WALKERS, SPECIMENS, PRESSURES = 64, 18, 12
 REPEATS = 15

@@ -36,13 +36,13 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import complete
-from bayesdeg.emulator.coordinates import ALONG, UP
-from bayesdeg.emulator.design import study_like
-from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
-from bayesdeg.emulator.trained import default_surrogate
-from bayesdeg.emulator.workers import pool
+from bayesdeg.surrogate.campaign import complete
+from bayesdeg.surrogate.coordinates import ALONG, UP
+from bayesdeg.surrogate.design import study_like
+from bayesdeg.surrogate.kept import Recipe
+from bayesdeg.surrogate.solutions import Kind, Run, SolutionStore
+from bayesdeg.surrogate.trained import default_surrogate
+from bayesdeg.surrogate.workers import pool
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.emulator import coordinates as at
-from bayesdeg.emulator.regression import Observed, observe
-from bayesdeg.emulator.scaling import Place, TrainingRange
-from bayesdeg.emulator.surrogate import stretch_offset
+from bayesdeg.surrogate import coordinates as at
+from bayesdeg.surrogate.regression import Observed, observe
+from bayesdeg.surrogate.scaling import Place, TrainingRange
+from bayesdeg.surrogate.surrogate import stretch_offset
 
 Floats = NDArray[np.float64]
 

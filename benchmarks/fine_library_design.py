@@ -6,8 +6,8 @@ import numpy as np
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.emulator.design import study_like
-from bayesdeg.emulator.scaling import NOMINAL_SCALE, NOMINAL_THICKNESS, SECOND
+from bayesdeg.surrogate.design import study_like
+from bayesdeg.surrogate.scaling import NOMINAL_SCALE, NOMINAL_THICKNESS, SECOND
 
 SEED = 7701
 # constants over the degradation rate [%], beyond which studies do not go

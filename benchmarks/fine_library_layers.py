@@ -14,7 +14,7 @@ from fine_library_likelihood import most_likely
 from fine_library_process import Conditioned, Data, Kernel, Process, condition
 from numpy.typing import NDArray
 
-from bayesdeg.emulator.coordinates import SLACK
+from bayesdeg.surrogate.coordinates import SLACK
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

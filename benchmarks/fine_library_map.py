@@ -11,8 +11,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.coordinates import SLACK
-from bayesdeg.emulator.scaling import GROUPS, LOAD, groups_of
+from bayesdeg.surrogate.coordinates import SLACK
+from bayesdeg.surrogate.scaling import GROUPS, LOAD, groups_of
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

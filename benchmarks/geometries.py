@@ -40,17 +40,17 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.console import errors
 from bayesdeg.data.study import Study, read_study
-from bayesdeg.emulator.campaign import complete, local_terms
-from bayesdeg.emulator.local import InputDraws, curves_of, span_of
-from bayesdeg.emulator.regression import reach
-from bayesdeg.emulator.solutions import Kind, Run, SolutionStore
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.workers import workplace
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.pipeline.region import asked_of, posteriors_of
+from bayesdeg.surrogate.campaign import complete, local_terms
+from bayesdeg.surrogate.local import InputDraws, curves_of, span_of
+from bayesdeg.surrogate.regression import reach
+from bayesdeg.surrogate.solutions import Kind, Run, SolutionStore
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.workers import workplace
 from bayesdeg.training import LOCAL, TrainingOptions, emulator_for
 
 Floats = NDArray[np.float64]

@@ -46,13 +46,13 @@ from bayesdeg.criticism.fit.linear import (
 )
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
+from bayesdeg.pages.wording import worded
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.progress import Silent
-from bayesdeg.report.wording import worded
+from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]

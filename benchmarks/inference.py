@@ -53,11 +53,11 @@ from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.pages.checkpoints import Checkpoints
+from bayesdeg.pages.wording import worded
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.wording import worded
 
 Document = dict[str, object]
 Floats = NDArray[np.float64]

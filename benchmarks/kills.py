@@ -51,7 +51,7 @@ from dataclasses import replace
 from tests.pipeline.tiny_campaign import RECIPE, build
 from bayesdeg import cli
 from bayesdeg import training
-from bayesdeg.emulator import campaign
+from bayesdeg.surrogate import campaign
 more = replace(RECIPE, coarse_runs=24, fine_runs=8)
 training.RECIPE, training.LOCAL, campaign.build = more, lambda _: more, build
 sys.argv = ["bayesdeg", *sys.argv[1:]]

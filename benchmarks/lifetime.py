@@ -37,6 +37,7 @@ from bayesdeg.actuator.inputs import ForwardMap, Inputs
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.laboratory.truth import Three, Truth
+from bayesdeg.pages.checkpoints import NoCheckpoints
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.films import course_of
@@ -44,7 +45,6 @@ from bayesdeg.pipeline.run import Streams
 from bayesdeg.prediction.lifetime import Duty, life_summary, lifetime_of
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import NoCheckpoints
 
 Floats = NDArray[np.float64]
 

@@ -42,9 +42,9 @@ from bayesdeg.causes.catalogue import find
 from bayesdeg.console import errors
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.workers import workplace
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Truth, drawn_truth
+from bayesdeg.surrogate.workers import workplace
 from bayesdeg.training import TrainingOptions, emulator_for
 
 Json = dict[str, Any]

@@ -51,9 +51,9 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import SMOOTH
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.workers import pool
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Three
+from bayesdeg.surrogate.workers import pool
 
 Floats = NDArray[np.float64]
 Key = tuple[tuple[str, tuple[int, ...], bytes], ...]

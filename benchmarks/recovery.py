@@ -28,10 +28,10 @@ from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design, run_experiment
 from bayesdeg.laboratory.truth import drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
+from bayesdeg.pages.checkpoints import Checkpoints
+from bayesdeg.pages.folder import POSTERIOR_BASE, RunFolder
 from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import POSTERIOR_BASE, RunFolder
 
 
 def design() -> Design:

@@ -41,7 +41,6 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.actuator.mesh import FINE
 from bayesdeg.console import shown
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
@@ -52,6 +51,7 @@ from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.prediction.predictive import rupture_table
 from bayesdeg.progress import Silent
+from bayesdeg.surrogate.workers import WorkerProcesses
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]

@@ -44,9 +44,9 @@ from bayesdeg.actuator.outputs import principal_stretch, read_state
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.files import written
 from bayesdeg.laboratory.truth import Truth, drawn_truth
+from bayesdeg.surrogate.workers import WorkerProcesses
 
 Floats = NDArray[np.float64]
 

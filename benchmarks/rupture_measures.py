@@ -44,15 +44,15 @@ from bayesdeg.actuator.mesh import CONVERGED, FINE, build_mesh
 from bayesdeg.actuator.outputs import PEAK_SHARE, volume_quantile, weibull_strain
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.settings import Dimensions, RuptureCriterion
-from bayesdeg.emulator import surrogate
-from bayesdeg.emulator.design import study_like
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.material.hyperelastic import Yeoh
 from bayesdeg.material.strength import (
     energy_equivalent_stretch,
     largest_cauchy_stress,
     uniaxial_stretch,
 )
+from bayesdeg.surrogate import surrogate
+from bayesdeg.surrogate.design import study_like
+from bayesdeg.surrogate.trained import default_surrogate
 
 Floats = NDArray[np.float64]
 Measures = dict[str, Floats]

@@ -1,7 +1,7 @@
 """Choose the further runs of the emulator's design: where its first stage is least certain.
 
 Reads the solved runs of the first stage from the campaign's store (solving what is missing), and
-writes ``bayesdeg/emulator/second_stage.json``, which the design then uses for every geometry.
+writes ``bayesdeg/surrogate/second_stage.json``, which the design then uses for every geometry.
 
     uv run python benchmarks/second_stage.py --coarse 64 --fine 24
 
@@ -23,12 +23,12 @@ from scipy.linalg import cholesky, solve_triangular
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import complete, runs
-from bayesdeg.emulator.coordinates import Coordinates, coordinates
-from bayesdeg.emulator.design import SECOND_STAGE, SHARES, candidates, likely
-from bayesdeg.emulator.fit import PLANS
-from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.regression import (
+from bayesdeg.surrogate.campaign import complete, runs
+from bayesdeg.surrogate.coordinates import Coordinates, coordinates
+from bayesdeg.surrogate.design import SECOND_STAGE, SHARES, candidates, likely
+from bayesdeg.surrogate.fit import PLANS
+from bayesdeg.surrogate.kept import Recipe
+from bayesdeg.surrogate.regression import (
     DERIVATIVE_WEIGHT,
     Observed,
     Prior,
@@ -36,10 +36,10 @@ from bayesdeg.emulator.regression import (
     observe,
     rows_of,
 )
-from bayesdeg.emulator.scaling import Place, TrainingRange
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.terms import Family, Terms, feature_gradients, features
-from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.surrogate.scaling import Place, TrainingRange
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.terms import Family, Terms, feature_gradients, features
+from bayesdeg.surrogate.trained import default_surrogate
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

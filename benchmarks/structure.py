@@ -7,10 +7,13 @@ one_importer                 modules that a single other one imports, by that on
                              geometry, a command, a program, a home of names of ``bayesdeg`` itself
 executed                     modules of which functions run: as a study is read and becomes a model,
                              and as vectors of parameters become log densities, and curvatures
-is_none                      lines with ``is None`` in inference, criticism and pipeline
+is_none                      lines with ``is None``
+private_used_once            private functions and methods with one use
+own_map_files                files that ask whether a study has a forward map of its own
 classes_named_alike          public classes of one name
 public_names                 of ``bayesdeg`` itself
 readme_bytes                 of README.md
+test_lines                   of all tests
 pinned_sentences             checks in tests in which a sentence stands
 words                        of pages written by hand: README, contributing, changelog, docs; of
                              validation and changelog by themselves
@@ -48,8 +51,9 @@ VECTORS = 64  # of parameters, drawn from the priors
 MARKS = {
     "bayesdeg.causes": {"CAUSE"},
     "bayesdeg.observations": {"from_study", "from_observations", "TABLE"},
-    "bayesdeg.report.figures": {"FIGURES"},
+    "bayesdeg.pages.figures": {"FIGURES"},
 }
+OWN_MAP = re.compile(r"\bis_own\b|\bis_of_actuators\b|settings\.forward\b|\buser_map\(")
 NO_CODE = ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")
 
 SOURCES = {
@@ -87,7 +91,9 @@ def found_without_import() -> set[str]:
     """Return the modules that somebody finds who does not name them."""
     found = {f"bayesdeg.commands.{command.name}" for command in COMMANDS}
     found |= {entry.module for entry in entry_points(group="bayesdeg.camera")}
-    found |= {made.__module__ for made in GEOMETRIES.values()} | set(bayesdeg._HOME.values())
+    found |= {made.__module__ for made in GEOMETRIES.values()}
+    stub = ast.parse((ROOT / "bayesdeg/__init__.pyi").read_text(encoding="utf-8"))
+    found |= {f"bayesdeg.{n.module}" for n in stub.body if isinstance(n, ast.ImportFrom)}
     for name, tree in TREES.items():
         marks = MARKS.get(name.rpartition(".")[0], set())
         for node in tree.body:
@@ -176,10 +182,15 @@ def measured_pages() -> dict[str, object]:
     }
 
 
+def is_private(name: str) -> bool:
+    """Return whether a function is of its module alone."""
+    return name.startswith("_") and not name.endswith("__")
+
+
 def measured() -> dict[str, object]:
-    judging = ("bayesdeg.inference", "bayesdeg.criticism", "bayesdeg.pipeline")
-    judged = [line for n in SOURCES if n.startswith(judging) for line in SOURCES[n].splitlines()]
-    nodes = (node for tree in TREES.values() for node in ast.walk(tree))
+    nodes = [node for tree in TREES.values() for node in ast.walk(tree)]
+    private = [n.name for n in nodes if isinstance(n, ast.FunctionDef) and is_private(n.name)]
+    named = Counter(re.findall(r"\b_\w+", "\n".join(SOURCES.values())))
     classes = Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
     rules = runpy.run_path(str(ROOT / "tests/test_architecture.py"))
     tests = [ast.parse(path.read_text(encoding="utf-8")) for path in rules["TESTS"]]
@@ -189,10 +200,13 @@ def measured() -> dict[str, object]:
         "code_lines": sum(map(code_lines, SOURCES)),
         "one_importer": one_importer(),
         "executed": modules_run_by_a_study(),
-        "is_none": sum("is None" in line for line in judged),
+        "is_none": sum("is None" in line for s in SOURCES.values() for line in s.splitlines()),
+        "private_used_once": sum(named[name] == 2 for name in private),
+        "own_map_files": sorted(name for name, s in SOURCES.items() if OWN_MAP.search(s)),
         "classes_named_alike": [n for n, k in classes.items() if k > 1 and n[0] != "_"],
-        "public_names": len(bayesdeg.__all__),
+        "public_names": len(dir(bayesdeg)),
         "readme_bytes": (ROOT / "README.md").stat().st_size,
+        "test_lines": sum(path.read_text(encoding="utf-8").count("\n") for path in rules["TESTS"]),
         "pinned_sentences": sum(len(list(rules["pins"](tree))) for tree in tests),
         **measured_pages(),
     }

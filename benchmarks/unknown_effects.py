@@ -30,10 +30,10 @@ from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect
+from bayesdeg.pages.wording import worded
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
-from bayesdeg.report.wording import worded
 
 Json = dict[str, Any]
 

@@ -28,9 +28,9 @@ from bayesdeg.progress import Silent
 try:
     from bayesdeg.criticism.fit.trials import CandidateFit
     from bayesdeg.data.study import read_study
-    from bayesdeg.emulator.workers import pool
     from bayesdeg.inference.model import JointModel, near_films
     from bayesdeg.pipeline.calibrate import base_without_chain
+    from bayesdeg.surrogate.workers import pool
 except ImportError:  # where they are in the commit `OLD` of verdict_seconds.py
     from bayesdeg.criticism.trials import CandidateFit
     from bayesdeg.inference.least_squares import near_films

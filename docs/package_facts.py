@@ -27,18 +27,18 @@ from bayesdeg.cli import app
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.data.settings import KEYS, MODELS, MOULDS, Known, Settings
 from bayesdeg.data.tables import words_of
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.laboratory.experiment import Design, run_experiment
 from bayesdeg.laboratory.score import score
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.observations.catalogue import TABLES as STUDY_TABLES
+from bayesdeg.pages.record import VerdictRecord
+from bayesdeg.pages.tables import TABLES as RUN_TABLES
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.priors import LAWS
 from bayesdeg.quantities import QUANTITIES
 from bayesdeg.records import Record
-from bayesdeg.report.record import VerdictRecord
-from bayesdeg.report.tables import TABLES as RUN_TABLES
+from bayesdeg.surrogate.trained import default_surrogate
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))  # scripts, no package
 

@@ -47,9 +47,9 @@ from nagai_2021.words import (
 )
 from numpy.typing import NDArray
 
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.material.strength import CRITERIA
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import default_surrogate
 
 Floats = NDArray[np.float64]
 

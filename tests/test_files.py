@@ -13,13 +13,13 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.data.settings import parse_settings
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.trained import read_trained
 from bayesdeg.errors import BayesdegError, ResumableError, StudyError
 from bayesdeg.files import LIMIT, parse_json, read_bytes, too_deep, write_bytes, write_text, written
-from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.left_out import Guard
+from bayesdeg.pages.checkpoints import Checkpoints
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.left_out import Guard
 from bayesdeg.signals import SIGNALS
+from bayesdeg.surrogate.trained import read_trained
 
 TABLE = "specimen_id,degradation_pct,stretch,stress_MPa\na,0,1.2,0.1\na,0,1.4,0.2\n"
 

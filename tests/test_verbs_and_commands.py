@@ -14,12 +14,12 @@ from typer.testing import CliRunner
 
 import bayesdeg as bd
 from bayesdeg.cli import app
-from bayesdeg.emulator.trained import write_trained
+from bayesdeg.pages.checkpoints import NoCheckpoints
+from bayesdeg.pages.folder import POSTERIOR_AVERAGED, RunFolder
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.run import run_study
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import NoCheckpoints
-from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
+from bayesdeg.surrogate.trained import write_trained
 from tests.pipeline.planted_offset import COUNTS, DRY, SETTINGS, SUMMARY, emulator, planted_study
 
 pytestmark = pytest.mark.slow

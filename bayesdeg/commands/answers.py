@@ -17,6 +17,8 @@ from bayesdeg.commands.options import Asking
 from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.files import spreadsheet_safe, written
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.wording import number
 from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.stored import read_stored, soil_of
 from bayesdeg.prediction import own
@@ -25,8 +27,6 @@ from bayesdeg.prediction.forecast import Forecast, levels_after
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.soil import Level, known_levels
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.wording import number
 
 Floats = NDArray[np.float64]
 Texts = Sequence[str]

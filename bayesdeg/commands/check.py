@@ -21,10 +21,10 @@ from bayesdeg.data.plausibility import doubts, names_alike, refuse_impossible
 from bayesdeg.data.shrinkage import film_masses, mean_as_printed, mean_over_films
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import UncertainDimension
-from bayesdeg.emulator.kept import duration, rough_seconds, search
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pipeline.outline import outline, unused
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.surrogate.kept import duration, rough_seconds, search
 
 _LABELLED = {"specimen_id": "specimens", "film_id": "films"}
 

@@ -20,9 +20,9 @@ from bayesdeg.commands.answers import (
 )
 from bayesdeg.commands.options import Asking, Service
 from bayesdeg.console import output, shown
+from bayesdeg.pages.wording import chance, interval
 from bayesdeg.prediction import forecast
 from bayesdeg.prediction.posterior import Posterior
-from bayesdeg.report.wording import chance, interval
 
 MOST_SETTINGS = 500
 HEADINGS = (

@@ -11,13 +11,13 @@ from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import Backend
 from bayesdeg.console import output
 from bayesdeg.data.settings import FILE, Settings, parse_settings
-from bayesdeg.emulator.campaign import Campaign
-from bayesdeg.emulator.kept import CACHE, cached_path, refuse_whole_range
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
 from bayesdeg.pipeline.output import output_file
+from bayesdeg.surrogate.campaign import Campaign
+from bayesdeg.surrogate.kept import CACHE, cached_path, refuse_whole_range
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.workers import workplace
 
 
 def emulate(

@@ -13,11 +13,11 @@ from bayesdeg.console import output, say
 from bayesdeg.criticism.experiments.ranking import LEAST
 from bayesdeg.criticism.findings import ExperimentEntry
 from bayesdeg.criticism.outcome import Outcome
+from bayesdeg.pages.left_out import OptionalStage
+from bayesdeg.pages.record import RunRecord, VerdictRecord
+from bayesdeg.pages.wording import NOTHING, count, fixed, listed, sentences
 from bayesdeg.pipeline.stored import run_in
 from bayesdeg.records import FileRecord, Names
-from bayesdeg.report.left_out import OptionalStage
-from bayesdeg.report.record import RunRecord, VerdictRecord
-from bayesdeg.report.wording import NOTHING, count, fixed, listed, sentences
 
 HEADINGS = (
     "experiment",

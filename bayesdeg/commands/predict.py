@@ -19,9 +19,9 @@ from bayesdeg.commands.answers import (
 )
 from bayesdeg.commands.options import Asking, Service
 from bayesdeg.console import output, shown
+from bayesdeg.pages.wording import chance, interval, number
 from bayesdeg.prediction import forecast
 from bayesdeg.prediction.posterior import TIME, Posterior
-from bayesdeg.report.wording import chance, interval, number
 
 
 def predict(

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from bayesdeg.console import errors, output
-from bayesdeg.report.left_out import Guard
-from bayesdeg.report.page import build_page
+from bayesdeg.pages.left_out import Guard
+from bayesdeg.pages.page import build_page
 
 
 def report(folder: Path) -> None:

@@ -16,7 +16,11 @@ from bayesdeg.data.photographs import messages
 from bayesdeg.data.plausibility import Doubt, doubts, names_alike, refuse_impossible
 from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.workers import workplace
+from bayesdeg.pages.checkpoints import Checkpoints
+from bayesdeg.pages.folder import LEFT_OUT, RunFolder
+from bayesdeg.pages.headline import doubts_of, forward_map_words, sets_of
+from bayesdeg.pages.left_out import Guard
+from bayesdeg.pages.record import VerdictRecord
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.deformed import compile_beside
 from bayesdeg.pipeline.outline import outline, passed_over
@@ -24,11 +28,7 @@ from bayesdeg.pipeline.output import CHECKPOINTS, run_folder
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
 from bayesdeg.quantities import Effort
-from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import LEFT_OUT, RunFolder
-from bayesdeg.report.headline import doubts_of, forward_map_words, sets_of
-from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import VerdictRecord
+from bayesdeg.surrogate.workers import workplace
 from bayesdeg.training import TrainingOptions, emulator_for, refuse_cells
 
 

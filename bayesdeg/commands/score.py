@@ -26,11 +26,11 @@ from bayesdeg.laboratory.hidden import (
     wrong_answer,
 )
 from bayesdeg.laboratory.score import Score, ScoredShare, score
+from bayesdeg.pages.figures.isolability import isolability_svg
+from bayesdeg.pages.record import MisfitEntry
+from bayesdeg.pages.wording import NOTHING, fixed, words
 from bayesdeg.pipeline.output import claimed, refuse_study
 from bayesdeg.records import Names, Record
-from bayesdeg.report.figures.isolability import isolability_svg
-from bayesdeg.report.record import MisfitEntry
-from bayesdeg.report.wording import NOTHING, fixed, words
 
 VERDICT = "verdict.json"
 

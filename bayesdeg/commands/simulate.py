@@ -15,7 +15,6 @@ from bayesdeg.console import output, say, shown
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.workers import workplace
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_bytes, write_text
 from bayesdeg.laboratory.experiment import (
@@ -29,6 +28,7 @@ from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import virtual_study
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.surrogate.workers import workplace
 from bayesdeg.training import refuse_cells
 
 

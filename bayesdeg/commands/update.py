@@ -11,10 +11,10 @@ from rich.text import Text
 from bayesdeg import api
 from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.record import RunRecord, UpdateEntry
+from bayesdeg.pages.wording import fixed, number, sentences
 from bayesdeg.records import FileRecord, Names, Scalar
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.record import RunRecord, UpdateEntry
-from bayesdeg.report.wording import fixed, number, sentences
 from bayesdeg.results import Update, most_moved
 
 

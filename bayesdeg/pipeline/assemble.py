@@ -26,8 +26,6 @@ from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import Settings, UserForward
 from bayesdeg.data.study import CAUSES, Study
 from bayesdeg.data.uncertain import is_dimension
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import refuse_lacking, surrogate_for
 from bayesdeg.errors import BayesdegError, Fault, StudyError, use_one_of
 from bayesdeg.files import STUDY_MB, read_bytes
 from bayesdeg.inference.model import JointModel
@@ -43,10 +41,12 @@ from bayesdeg.inference.own_map import (
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.kinds import ROUNDING
 from bayesdeg.observations.specimens import LEAST_STIFFENING, FilmsAndActuators, no_map
+from bayesdeg.pages.record import ForwardMapEntry, MapNoiseEntry
 from bayesdeg.pipeline.aside import Exclusion
 from bayesdeg.pipeline.outline import outline, stated_priors
 from bayesdeg.priors import Parameter, check_priors, with_least, with_priors
-from bayesdeg.report.record import ForwardMapEntry, MapNoiseEntry
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import refuse_lacking, surrogate_for
 
 Floats = NDArray[np.float64]
 

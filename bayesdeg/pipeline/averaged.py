@@ -17,10 +17,10 @@ from bayesdeg.criticism.decide.counted import COMMON_FACTOR
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.pages.record import MemberEntry
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.prediction.posterior import Posterior
-from bayesdeg.report.record import MemberEntry
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,6 @@ from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.criticism.fit.trials import CandidateFit, base_trial
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import FEWEST_EFFECTIVE, Evidence, Laplace, approximate
@@ -23,8 +22,9 @@ from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.modes import find_modes
 from bayesdeg.inference.sampling import EFFORTS, Chain, Effort, SamplerStatus, sample
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.checkpoints import Pieces, Stages
 from bayesdeg.progress import Progress
-from bayesdeg.report.checkpoints import Pieces, Stages
+from bayesdeg.surrogate.surrogate import Surrogate
 
 
 def steps_left(standing: SamplerStatus, effort: Effort) -> float:

@@ -13,13 +13,13 @@ from bayesdeg.criticism.posterior import prior_sensitivity as priors
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity
 from bayesdeg.inference.model import blocks_of
 from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.pages import tables as columns
+from bayesdeg.pages.left_out import Guard, OptionalStage
+from bayesdeg.pages.wording import worded
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.prediction import prior_predictive as alone
 from bayesdeg.prediction.prior_predictive import PriorPredictive
 from bayesdeg.progress import Progress
-from bayesdeg.report import tables as columns
-from bayesdeg.report.left_out import Guard, OptionalStage
-from bayesdeg.report.wording import worded
 
 FEWEST = 2  # specimens needed to leave one out
 

@@ -26,14 +26,10 @@ from bayesdeg.actuator.status import COARSE, PathEffort, Resolution
 from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.uncertain import PREFIX, dimensions_among
-from bayesdeg.emulator.workers import block_sigint, end_with_parent
 from bayesdeg.errors import GeometryError
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.pipeline.assemble import level_grid
-from bayesdeg.pipeline.calibrate import Fit, Listener
-from bayesdeg.prediction.predictive import at_conditions
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.surface import (
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.surface import (
     NodalFields,
     Shape,
     Surface,
@@ -45,6 +41,10 @@ from bayesdeg.report.surface import (
     write_surface,
     write_vtu,
 )
+from bayesdeg.pipeline.assemble import level_grid
+from bayesdeg.pipeline.calibrate import Fit, Listener
+from bayesdeg.prediction.predictive import at_conditions
+from bayesdeg.surrogate.workers import block_sigint, end_with_parent
 
 Floats = NDArray[np.float64]
 

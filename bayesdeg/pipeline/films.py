@@ -28,12 +28,12 @@ from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain, Effort, sample
 from bayesdeg.observations.tensile import Tensile
+from bayesdeg.pages import tables as columns
+from bayesdeg.pages.left_out import Guard, OptionalStage
+from bayesdeg.pages.wording import worded
 from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Distribution
 from bayesdeg.progress import Progress
-from bayesdeg.report import tables as columns
-from bayesdeg.report.left_out import Guard, OptionalStage
-from bayesdeg.report.wording import worded
 
 Floats = NDArray[np.float64]
 

@@ -76,11 +76,11 @@ from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import CURVATURE
+from bayesdeg.pages.left_out import Guard, OptionalStage
+from bayesdeg.pages.wording import sentences, worded
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_without_chain
 from bayesdeg.progress import Progress, Silent
-from bayesdeg.report.left_out import Guard, OptionalStage
-from bayesdeg.report.wording import sentences, worded
 
 Floats = NDArray[np.float64]
 

@@ -459,7 +459,7 @@ def _missing(study: Study) -> tuple[tuple[str, str], ...]:
 
 def _sentences(macro: str, **facts: object) -> str:
     """Fill a template of a run; jinja is imported only here, since most studies do not need it."""
-    wording = importlib.import_module("bayesdeg.report.wording")
+    wording = importlib.import_module("bayesdeg.pages.wording")
     return str(wording.sentences("run", macro, **facts))
 
 

@@ -24,8 +24,8 @@ from bayesdeg.files import (
 )
 from bayesdeg.laboratory.writing import FIRST_WORDS, TRUTH_FILE
 from bayesdeg.observations.catalogue import DATA_FILES
+from bayesdeg.pages.folder import ADDED, RUN, RUN_FILES, RunFolder
 from bayesdeg.records import FileRecord, Text, Texts
-from bayesdeg.report.folder import ADDED, RUN, RUN_FILES, RunFolder
 
 if sys.platform == "win32":
     import msvcrt

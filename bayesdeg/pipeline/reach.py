@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.surrogate import LIMIT_MARGIN, Surrogate
 from bayesdeg.errors import Fault
 from bayesdeg.inference.model import JointModel, least_squares
 from bayesdeg.observations.curvature import ACTUATOR, Curvature, mechanics_inputs
@@ -23,6 +22,7 @@ from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pipeline.aside import Exclusion, readings_at, set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.surrogate.surrogate import LIMIT_MARGIN, Surrogate
 
 MARGIN = 0.03
 """Margin of readings below the end of a curve, relative to its pressure, which is proportional to

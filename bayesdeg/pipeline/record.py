@@ -41,17 +41,8 @@ from bayesdeg.observations.curvature import ACTUATOR, Curvature
 from bayesdeg.observations.means import Means
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.observations.tensile import STRESS
-from bayesdeg.pipeline.aside import FILES, Exclusion, unused_rows
-from bayesdeg.pipeline.assemble import Assembly
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.checks import Checks
-from bayesdeg.pipeline.films import CourseFit, Films
-from bayesdeg.pipeline.judge import Description, Judgement, not_converged, readings_misfit
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.prediction.posterior import Posterior
-from bayesdeg.priors import Choice, Parameter
-from bayesdeg.report.left_out import Guard, OptionalStage
-from bayesdeg.report.record import (
+from bayesdeg.pages.left_out import Guard, OptionalStage
+from bayesdeg.pages.record import (
     ForwardMapEntry,
     InDoubt,
     MisfitEntry,
@@ -61,7 +52,16 @@ from bayesdeg.report.record import (
     UnusedEntry,
     VerdictRecord,
 )
-from bayesdeg.report.wording import SPACE, sentences, worded
+from bayesdeg.pages.wording import SPACE, sentences, worded
+from bayesdeg.pipeline.aside import FILES, Exclusion, unused_rows
+from bayesdeg.pipeline.assemble import Assembly
+from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.checks import Checks
+from bayesdeg.pipeline.films import CourseFit, Films
+from bayesdeg.pipeline.judge import Description, Judgement, not_converged, readings_misfit
+from bayesdeg.pipeline.outline import outline
+from bayesdeg.prediction.posterior import Posterior
+from bayesdeg.priors import Choice, Parameter
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 Before there is a forward map the inputs of a study are known from films, priors and conditions;
 afterwards from its posterior: that of the base model, and with each cause that the readings
-support. Fine curves are solved there and correct the emulator (`bayesdeg.emulator.refinement`). The
-change of the correction when one curve is left out estimates the remaining error; the resulting
-shift of posterior means follows from the change of the log density.
+support. Fine curves are solved there and correct the emulator
+(`bayesdeg.surrogate.refinement`). The change of the correction when one curve is left out estimates
+the remaining error; the resulting shift of posterior means follows from the change of the log
+density.
 """
 
 import json
@@ -24,20 +25,6 @@ from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.fit.search import LEAST_FACTOR, near
 from bayesdeg.criticism.fit.trials import CandidateFit, try_causes
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.campaign import Campaign, local_terms
-from bayesdeg.emulator.coordinates import Batch
-from bayesdeg.emulator.kept import AT_THE_POSTERIOR
-from bayesdeg.emulator.local import (
-    InputDraws,
-    LocalDesign,
-    counted_in,
-    curves_along,
-    layer_units,
-)
-from bayesdeg.emulator.refinement import Refinement, refine
-from bayesdeg.emulator.scaling import GROUPS, LOAD, TrainingRange, Units, groups_of
-from bayesdeg.emulator.solutions import Run, Solution
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.density import log_ratio
 from bayesdeg.inference.model import JointModel, share_outside
 from bayesdeg.observations.curvature import AtPressures, Curvature, mechanics_inputs, parts_of
@@ -46,6 +33,20 @@ from bayesdeg.observations.specimens import no_map
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.pipeline.reach import assemble_within_reach
+from bayesdeg.surrogate.campaign import Campaign, local_terms
+from bayesdeg.surrogate.coordinates import Batch
+from bayesdeg.surrogate.kept import AT_THE_POSTERIOR
+from bayesdeg.surrogate.local import (
+    InputDraws,
+    LocalDesign,
+    counted_in,
+    curves_along,
+    layer_units,
+)
+from bayesdeg.surrogate.refinement import Refinement, refine
+from bayesdeg.surrogate.scaling import GROUPS, LOAD, TrainingRange, Units, groups_of
+from bayesdeg.surrogate.solutions import Run, Solution
+from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 

@@ -22,14 +22,16 @@ from bayesdeg.criticism.checks.residuals import predict_readings
 from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.data.settings import SamplingOptions
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import default_surrogate, to_bytes
-from bayesdeg.emulator.workers import WorkerProcesses
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.checkpoints import Checkpoints
+from bayesdeg.pages.folder import POSTERIOR_AVERAGED, RunFolder
+from bayesdeg.pages.left_out import Guard, OptionalStage, posterior_stage
+from bayesdeg.pages.page import build_page
+from bayesdeg.pages.record import InDoubt, VerdictRecord
 from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.averaged import averaged
@@ -56,11 +58,9 @@ from bayesdeg.pipeline.suspects import without_suspects
 from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
-from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
-from bayesdeg.report.left_out import Guard, OptionalStage, posterior_stage
-from bayesdeg.report.page import build_page
-from bayesdeg.report.record import InDoubt, VerdictRecord
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import default_surrogate, to_bytes
+from bayesdeg.surrogate.workers import WorkerProcesses
 
 Calibrate = Callable[..., Fit]
 Floats = NDArray[np.float64]

@@ -18,7 +18,6 @@ from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.criticism.checks.count_misfit import CountMisfit, can_be_counted
 from bayesdeg.data.settings import Known
 from bayesdeg.data.study import Study
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
 from bayesdeg.inference.own_map import UserMap, user_map
 from bayesdeg.observations.breaks import Breaks
@@ -33,12 +32,8 @@ from bayesdeg.observations.specimens import (
     node_name,
     young_modulus,
 )
-from bayesdeg.pipeline.calibrate import Fit, refused_inputs
-from bayesdeg.pipeline.record import Results
-from bayesdeg.pipeline.stored import model_document
-from bayesdeg.prediction.predictive import specimens_tested
-from bayesdeg.report.left_out import Guard, OptionalStage
-from bayesdeg.report.record import (
+from bayesdeg.pages.left_out import Guard, OptionalStage
+from bayesdeg.pages.record import (
     BasisEntry,
     ComparisonEntry,
     ConvergenceEntry,
@@ -49,7 +44,12 @@ from bayesdeg.report.record import (
     RunRecord,
     StatisticEntry,
 )
-from bayesdeg.report.wording import NOTHING, sentences, worded
+from bayesdeg.pages.wording import NOTHING, sentences, worded
+from bayesdeg.pipeline.calibrate import Fit, refused_inputs
+from bayesdeg.pipeline.record import Results
+from bayesdeg.pipeline.stored import model_document
+from bayesdeg.prediction.predictive import specimens_tested
+from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 

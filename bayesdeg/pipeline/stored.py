@@ -17,9 +17,6 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.data.settings import POINTS_OF, RUPTURE_CRITERIA, Dimensions, RuptureCriterion
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import dimensions_among, is_dimension
-from bayesdeg.emulator.kept import CACHE, Recipe, cached_path, read_content, record_of
-from bayesdeg.emulator.surrogate import Surrogate
-from bayesdeg.emulator.trained import default_surrogate, read_trained
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
@@ -34,6 +31,15 @@ from bayesdeg.observations.specimens import (
     node_name,
 )
 from bayesdeg.observations.tensile import Tensile
+from bayesdeg.pages.folder import (
+    EMULATOR,
+    POSTERIOR,
+    POSTERIOR_AVERAGED,
+    POSTERIOR_BASE,
+    POSTERIOR_COURSE,
+    RunFolder,
+)
+from bayesdeg.pages.record import MemberEntry, ModelEntry, RunRecord, VerdictRecord
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.output import Owner, owner_of
 from bayesdeg.pipeline.reading import read_study
@@ -43,15 +49,9 @@ from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Flat, Parameter
 from bayesdeg.records import LARGEST, RecordError
-from bayesdeg.report.folder import (
-    EMULATOR,
-    POSTERIOR,
-    POSTERIOR_AVERAGED,
-    POSTERIOR_BASE,
-    POSTERIOR_COURSE,
-    RunFolder,
-)
-from bayesdeg.report.record import MemberEntry, ModelEntry, RunRecord, VerdictRecord
+from bayesdeg.surrogate.kept import CACHE, Recipe, cached_path, read_content, record_of
+from bayesdeg.surrogate.surrogate import Surrogate
+from bayesdeg.surrogate.trained import default_surrogate, read_trained
 
 Floats = NDArray[np.float64]
 

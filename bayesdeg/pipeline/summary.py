@@ -12,9 +12,9 @@ import numpy as np
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.decide.verdict import fraction_explained
 from bayesdeg.criticism.fit.search import Names
+from bayesdeg.pages.wording import worded
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.quantities import p_value_text
-from bayesdeg.report.wording import worded
 
 SEED = 0  # seed of the summarised draws
 

@@ -28,6 +28,27 @@ from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.update import ENOUGH, FEWEST, RELIABLE_K, Updated, drawn_evenly, take_in
 from bayesdeg.observations.curvature import ActuatorCurves, actuator_curves
 from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.pages import tables as columns
+from bayesdeg.pages.folder import (
+    ADDED,
+    EMULATOR,
+    INDEX,
+    POSTERIOR,
+    POSTERIOR_BASE,
+    POSTERIOR_COURSE,
+    RUN,
+    RunFolder,
+)
+from bayesdeg.pages.left_out import Guard, OptionalStage, table_stage
+from bayesdeg.pages.record import (
+    ConvergenceEntry,
+    InDoubt,
+    RunRecord,
+    TakenInEntry,
+    UpdateEntry,
+    VerdictRecord,
+)
+from bayesdeg.pages.wording import sentences
 from bayesdeg.pipeline.aside import readings_at
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
@@ -56,27 +77,6 @@ from bayesdeg.pipeline.writing import BUILDS, Files, TableSources
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import EFFORTS as KNOWN_EFFORTS
-from bayesdeg.report import tables as columns
-from bayesdeg.report.folder import (
-    ADDED,
-    EMULATOR,
-    INDEX,
-    POSTERIOR,
-    POSTERIOR_BASE,
-    POSTERIOR_COURSE,
-    RUN,
-    RunFolder,
-)
-from bayesdeg.report.left_out import Guard, OptionalStage, table_stage
-from bayesdeg.report.record import (
-    ConvergenceEntry,
-    InDoubt,
-    RunRecord,
-    TakenInEntry,
-    UpdateEntry,
-    VerdictRecord,
-)
-from bayesdeg.report.wording import sentences
 
 Floats = NDArray[np.float64]
 

@@ -50,6 +50,20 @@ from bayesdeg.observations.tensile import (
     stress_variance,
     tensile_curves,
 )
+from bayesdeg.pages import tables as columns
+from bayesdeg.pages.folder import (
+    ADDED,
+    PICTURES,
+    POSTERIOR,
+    POSTERIOR_AVERAGED,
+    POSTERIOR_BASE,
+    POSTERIOR_COURSE,
+    POSTERIORS,
+    RunFolder,
+)
+from bayesdeg.pages.left_out import Guard, OptionalStage, posterior_stage, table_stage
+from bayesdeg.pages.record import VerdictRecord
+from bayesdeg.pages.wording import sentences, worded
 from bayesdeg.pipeline.aside import is_set_aside
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.averaged import stored_form
@@ -77,20 +91,6 @@ from bayesdeg.prediction.predictive import (
 from bayesdeg.prediction.shares import curvature_shares, pressures_of
 from bayesdeg.prediction.soil import Soil
 from bayesdeg.progress import Silent
-from bayesdeg.report import tables as columns
-from bayesdeg.report.folder import (
-    ADDED,
-    PICTURES,
-    POSTERIOR,
-    POSTERIOR_AVERAGED,
-    POSTERIOR_BASE,
-    POSTERIOR_COURSE,
-    POSTERIORS,
-    RunFolder,
-)
-from bayesdeg.report.left_out import Guard, OptionalStage, posterior_stage, table_stage
-from bayesdeg.report.record import VerdictRecord
-from bayesdeg.report.wording import sentences, worded
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
-from bayesdeg.report.record import BurstEntry, ModelEntry
+from bayesdeg.pages.record import BurstEntry, ModelEntry
 
 NEAR = 2.5
 """Degradation rates this close count as equal: half a step between tested levels [%]."""

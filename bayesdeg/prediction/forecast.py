@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.observations.specimens import has_elongation
+from bayesdeg.pages.wording import SPACE, sentences
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import Setting, largest_allowed, setting_for
 from bayesdeg.prediction.experience import Experience
@@ -27,7 +28,6 @@ from bayesdeg.prediction.predictive import (
 )
 from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.progress import Progress
-from bayesdeg.report.wording import SPACE, sentences
 
 Floats = NDArray[np.float64]
 

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.pages import tables as columns
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
 from bayesdeg.prediction.experience import Experience
@@ -35,7 +36,6 @@ from bayesdeg.prediction.posterior import TIME, Posterior, Range
 from bayesdeg.prediction.predictive import Specimens, draw_specimens, not_below, respond_each
 from bayesdeg.prediction.soil import Level, Soil
 from bayesdeg.progress import Progress
-from bayesdeg.report import tables as columns
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

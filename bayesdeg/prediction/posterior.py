@@ -10,9 +10,9 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.pages.record import MemberEntry, ModelEntry, RunRecord, VerdictRecord
 from bayesdeg.prediction.experience import Experience, experience_of
 from bayesdeg.prediction.predictive import DRAWS, fewest_checks, specimens_tested
-from bayesdeg.report.record import MemberEntry, ModelEntry, RunRecord, VerdictRecord
 
 Range = tuple[float, float]
 

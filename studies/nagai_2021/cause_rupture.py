@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause, StrengthConditions
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.material.degradation import derivative
 from bayesdeg.material.hyperelastic import Yeoh
 from bayesdeg.material.strength import (
@@ -22,6 +21,7 @@ from bayesdeg.material.strength import (
     Strength,
     limit_stretch,
 )
+from bayesdeg.surrogate.surrogate import Surrogate
 from nagai_2021.causes import (
     LAST,
     ROOM,

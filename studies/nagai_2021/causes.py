@@ -16,8 +16,8 @@ from scipy import special
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause, Conditions, Degradation
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.priors import Normal, TruncatedNormal
+from bayesdeg.surrogate.surrogate import Surrogate
 from nagai_2021.published import DEGRADATIONS, LEVELS, PRESSURES, Materials
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.emulator.surrogate import Surrogate
+from bayesdeg.surrogate.surrogate import Surrogate
 from nagai_2021.agreement import Fit, fit
 from nagai_2021.aimed import Scores, aimed, from_prior
 from nagai_2021.causes import Values, misread, predict, values_at, within_grid

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.material.degradation import (
     NODES,
     Controls,
@@ -20,6 +19,7 @@ from bayesdeg.material.degradation import (
 from bayesdeg.observations.curvature import actuator_parameters
 from bayesdeg.observations.specimens import control_name, material_parameters
 from bayesdeg.priors import Distribution
+from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 

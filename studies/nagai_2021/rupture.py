@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.material.hyperelastic import Yeoh
 from bayesdeg.material.strength import (
     CRITERIA,
@@ -26,6 +25,7 @@ from bayesdeg.material.strength import (
     limit_stretch,
     rupture_probability,
 )
+from bayesdeg.surrogate.surrogate import Surrogate
 from nagai_2021.published import (
     ELONGATION_DROP,
     ELONGATION_FRESH,

@@ -20,7 +20,7 @@ from bayesdeg.data.part import PartError, read_part
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import with_part
 from bayesdeg.errors import GeometryError
-from bayesdeg.report.surface import faces_of
+from bayesdeg.pages.surface import faces_of
 from tests.actuator.parts import COARSEST, SMALL, half, tetrahedral, whole, write
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 

@@ -34,7 +34,7 @@ from bayesdeg.data.part import (
 )
 from bayesdeg.data.plausibility import BENDING_LEFT_OUT, THICKEST_WITHOUT_BENDING
 from bayesdeg.material.hyperelastic import nominal_stress
-from bayesdeg.report.surface import faces_of, nodal_fields, quads_of, write_vtu
+from bayesdeg.pages.surface import faces_of, nodal_fields, quads_of, write_vtu
 from tests.actuator.parts import COARSEST, ORDER, PATHS, SMALL, half, tetrahedral, whole, write
 from tests.actuator.test_part import geometry_of_file, inputs
 from tests.actuator.test_patch import (

@@ -6,9 +6,9 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from bayesdeg.criticism.outcome import Outcome
-from bayesdeg.report.page import build_page
+from bayesdeg.pages.page import build_page
 from tests.browser.chromium import NEEDED
-from tests.report.synthetic_run import write_bare, write_full
+from tests.pages.synthetic_run import write_bare, write_full
 
 ROOT = Path(__file__).parents[2]
 PUBLISHED = [ROOT / "reports" / name / "index.html" for name in ("gelatin_actuator", "treloar")]

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from bayesdeg.report.page import build_page
+from bayesdeg.pages.page import build_page
 from tests.browser.chromium import CHROMIUM, NEEDED, SWITCHES
-from tests.report.html_reading import read_html
-from tests.report.synthetic_run import write_bare, write_full
+from tests.pages.html_reading import read_html
+from tests.pages.synthetic_run import write_bare, write_full
 
 pytestmark = NEEDED
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.cause import Conditions
-from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.surrogate.trained import default_surrogate
 
 LOADING = np.arange(20.0, 241.0, 20.0)
 THERE_AND_BACK = np.concatenate([LOADING, LOADING[-2::-1]])

@@ -25,8 +25,8 @@ from bayesdeg.material.strength import Strength
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.specimens import FilmsAndActuators
-from tests.emulator.closed_form import trained
 from tests.inference.small_study import actuator_curves, base_parameters
+from tests.surrogate.closed_form import trained
 
 NAMES = (
     "degradation_misread",

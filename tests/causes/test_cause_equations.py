@@ -13,7 +13,7 @@ from bayesdeg.causes.degradation_scale import rescale
 from bayesdeg.causes.gauge_gain import scale_pressure
 from bayesdeg.causes.pressure_loss import lose_pressure
 from bayesdeg.causes.pressure_offset import shift_pressure
-from tests.emulator.closed_form import trained
+from tests.surrogate.closed_form import trained
 
 PRESSURE = np.array([[20.0, 40.0, 60.0, 80.0]])
 CONDITIONS = Conditions(PRESSURE, np.array([[0.0]]))

@@ -17,11 +17,11 @@ from pathlib import Path
 from bayesdeg import training
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.kept import local_recipe
-from bayesdeg.emulator.local import local_design
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pipeline import calibrate
 from bayesdeg.pipeline.region import asked_of
+from bayesdeg.surrogate.kept import local_recipe
+from bayesdeg.surrogate.local import local_design
 from tests.killing import forked, killed
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE

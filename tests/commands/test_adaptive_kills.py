@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from bayesdeg import training
-from bayesdeg.emulator.kept import COARSE_RUNS, FINE_RUNS
 from bayesdeg.pipeline.region import FIRST
+from bayesdeg.surrogate.kept import COARSE_RUNS, FINE_RUNS
 
 ROOT = Path(__file__).resolve().parents[2]
 KILLS = 8  # for more: `python -m tests.commands.adaptive_training FOLDER 24 SEED`

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.emulator.small_runs import contents
-from tests.emulator.test_cluster import dask_processes
+from tests.surrogate.small_runs import contents
+from tests.surrogate.test_cluster import dask_processes
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bayesdeg import cli
-from bayesdeg.report.folder import RunFolder
+from bayesdeg.pages.folder import RunFolder
 
 STUDIES = Path(__file__).parents[2] / "studies"
 

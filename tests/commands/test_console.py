@@ -7,7 +7,7 @@ import pytest
 from bayesdeg import console
 from bayesdeg.console import Lines, shown
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.kept import rough_seconds
+from bayesdeg.surrogate.kept import rough_seconds
 
 NAMES = ["[red]x[/blue]", ":100:", "[/]", "a [kPa]", "50%"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.report.tables import TABLES
+from bayesdeg.pages.tables import TABLES
 from tests.commands.test_predict_and_control import (
     LIMIT,
     TIME_CONSTANT,

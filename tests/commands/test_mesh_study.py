@@ -10,9 +10,9 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.data.plausibility import doubts
-from bayesdeg.emulator.kept import mesh_error_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
+from bayesdeg.surrogate.kept import mesh_error_of
 from tests.actuator.parts import half, tetrahedral, whole, write
 from tests.pipeline.study_files import SETTINGS, study_in
 

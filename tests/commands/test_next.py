@@ -5,8 +5,8 @@ import json
 import pytest
 
 from bayesdeg.cli import exit_code
-from bayesdeg.report.folder import RunFolder
-from tests.report.synthetic_run import write_bare, write_full
+from bayesdeg.pages.folder import RunFolder
+from tests.pages.synthetic_run import write_bare, write_full
 
 UNLOADING = {
     "design": "unloading branch 240 → 20 kPa after loading [timed], on 3 new specimens at 0 %",

@@ -11,11 +11,11 @@ from bayesdeg import cli
 from bayesdeg.actuator.reading import ReadByOperator, mechanics_of, operator_ratio
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import simulate
+from bayesdeg.pages.record import ModelEntry
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.stored import as_recorded, model_document
 from bayesdeg.records import RecordError
-from bayesdeg.report.record import ModelEntry
 from tests.pipeline.planted_offset import emulator
 from tests.pipeline.study_files import SETTINGS, study_in
 

@@ -15,12 +15,12 @@ from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import simulate
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.kept import Recipe
-from bayesdeg.emulator.trained import read_trained, surrogate_for
 from bayesdeg.errors import BayesdegError
+from bayesdeg.pages.record import VerdictRecord
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study as everything
-from bayesdeg.report.record import VerdictRecord
+from bayesdeg.surrogate.kept import Recipe
+from bayesdeg.surrogate.trained import read_trained, surrogate_for
 from tests.pipeline.study_files import SETTINGS, study_in
 
 SEGMENT = """

@@ -59,7 +59,7 @@ def needless(modules):
     """What was imported that takes long, or does the work of a command."""
     # typer itself imports pydantic
     work = {f"bayesdeg.commands.{command.name}" for command in COMMANDS}
-    return modules & {*HEAVY, *FOR_TABLES, *work, "bayesdeg.emulator", "bayesdeg.data.study"}
+    return modules & {*HEAVY, *FOR_TABLES, *work, "bayesdeg.surrogate", "bayesdeg.data.study"}
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])
@@ -99,7 +99,7 @@ def test_the_library_is_imported_without_what_its_verbs_need():
 def test_checking_a_study_needs_neither_emulator_nor_compiler():
     modules = modules_after("check", STUDIES / "gelatin_actuator")
     assert "bayesdeg.data.study" in modules
-    assert not modules & {*HEAVY, "bayesdeg.emulator.surrogate", "bayesdeg.inference.model"}
+    assert not modules & {*HEAVY, "bayesdeg.surrogate.surrogate", "bayesdeg.inference.model"}
 
 
 def test_the_list_says_of_a_command_what_its_own_help_begins_with():

@@ -15,13 +15,13 @@ from bayesdeg.commands import simulate as simulating
 from bayesdeg.commands import trace as tracing
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.laboratory.hidden import lines_of
+from bayesdeg.pages.record import TakenInEntry, UpdateEntry, VerdictRecord
 from bayesdeg.pipeline.update import UpdatedRun
-from bayesdeg.report.record import TakenInEntry, UpdateEntry, VerdictRecord
 from bayesdeg.results import Update
 from tests.commands.test_predict_and_control import buried, models, report
 from tests.commands.test_score_command import ANSWERS, TRUTHS
+from tests.pages.synthetic_run import write_full
 from tests.photographs.traced_folder import photograph
-from tests.report.synthetic_run import write_full
 
 __all__ = ["buried", "models", "report"]
 STUDIES = Path(__file__).parents[2] / "studies"

@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 
 from bayesdeg import cli
-from bayesdeg.report.folder import RunFolder
+from bayesdeg.pages.folder import RunFolder
 from tests.pipeline.study_files import study_in
 
 

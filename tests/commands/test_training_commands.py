@@ -21,16 +21,16 @@ from bayesdeg import cli, training
 from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator import campaign, workers
-from bayesdeg.emulator.kept import cached_path, duration, rough_seconds
-from bayesdeg.emulator.local import TARGET_OUTSIDE, LocalDesign
-from bayesdeg.emulator.refinement import TooFewCurvesError
-from bayesdeg.emulator.scaling import ONE, TrainingRange
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import is_refined, read_trained, write_trained
+from bayesdeg.pages.record import VerdictRecord
 from bayesdeg.pipeline.region import FIRST, AskedAfterwards
 from bayesdeg.pipeline.run_record import emulator_facts
-from bayesdeg.report.record import VerdictRecord
+from bayesdeg.surrogate import campaign, workers
+from bayesdeg.surrogate.kept import cached_path, duration, rough_seconds
+from bayesdeg.surrogate.local import TARGET_OUTSIDE, LocalDesign
+from bayesdeg.surrogate.refinement import TooFewCurvesError
+from bayesdeg.surrogate.scaling import ONE, TrainingRange
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.trained import is_refined, read_trained, write_trained
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
 
@@ -479,7 +479,7 @@ import sys
 from dataclasses import replace
 from bayesdeg import cli
 from bayesdeg import training
-from bayesdeg.emulator import campaign
+from bayesdeg.surrogate import campaign
 from tests.pipeline.tiny_campaign import RECIPE, build
 if __name__ == "__main__":
     training.RECIPE = replace(RECIPE, coarse_runs=int(sys.argv.pop(1)))

@@ -16,13 +16,13 @@ from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import simulate
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator import local
-from bayesdeg.emulator.kept import Recipe, rough_seconds
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import default_surrogate, read_trained
 from bayesdeg.errors import BayesdegError
+from bayesdeg.pages.record import VerdictRecord
 from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.report.record import VerdictRecord
+from bayesdeg.surrogate import local
+from bayesdeg.surrogate.kept import Recipe, rough_seconds
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.trained import default_surrogate, read_trained
 from tests.commands.test_ribbed_study import ACTUATOR, SEGMENT, STIFF, TINY
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE

@@ -11,8 +11,8 @@ from bayesdeg.criticism.decide.verdict import decide
 from bayesdeg.criticism.fit.search import LEAST_FACTOR
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.observations.counts import RuptureCounts
+from bayesdeg.pages.wording import worded
 from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.report.wording import worded
 from tests.criticism.test_count_misfit import counted
 from tests.criticism.test_verdict import step
 from tests.inference.small_study import small_model

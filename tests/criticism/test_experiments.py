@@ -32,14 +32,14 @@ from bayesdeg.criticism.experiments.ranking import (
     with_noise,
 )
 from bayesdeg.criticism.fit.trials import CandidateFit
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import Evidence
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.pressures import PressureTests
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.tensile import Tensile, median_stresses
 from bayesdeg.observations.volume import SHARE_OF_STROKE, CavityVolume
-from bayesdeg.report.wording import worded
+from bayesdeg.pages.wording import worded
+from bayesdeg.surrogate.trained import default_surrogate
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 QUIET = {

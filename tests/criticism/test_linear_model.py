@@ -23,11 +23,11 @@ from bayesdeg.criticism.fit.linear import (
     with_neutral,
 )
 from bayesdeg.criticism.fit.screening import screen
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.observations.curvature import CURVATURE, Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.priors import LogNormal, Normal, Parameter, TruncatedNormal, with_priors
+from bayesdeg.surrogate.trained import default_surrogate
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import (
     known_linear,

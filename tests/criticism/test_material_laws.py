@@ -32,7 +32,7 @@ from bayesdeg.material.laws import FORMS
 from bayesdeg.observations.noise import noise_correlation
 from bayesdeg.observations.specimens import STIFFNESS_SCATTER
 from bayesdeg.observations.tensile import TENSILE, TensileCurves
-from bayesdeg.report.tables import MATERIAL_LAWS, TABLES
+from bayesdeg.pages.tables import MATERIAL_LAWS, TABLES
 
 PRIORS = {p.name: p.law for p in (*TENSILE, STIFFNESS_SCATTER)}
 TRUE = NoiseLevels(0.002, 0.01, 0.03, 0.05)

@@ -26,8 +26,8 @@ from bayesdeg.observations.specimens import (
     material_parameters,
 )
 from bayesdeg.observations.tensile import TENSILE, Tensile, TensileCurves
+from bayesdeg.pages.tables import ORDERS, TABLES
 from bayesdeg.priors import Normal, Parameter, ParameterTable
-from bayesdeg.report.tables import ORDERS, TABLES
 from tests.inference.small_study import altered
 
 LEVELS = np.repeat([0.0, 5.0, 10.0, 15.0, 20.0, 25.0], 2)

@@ -14,13 +14,13 @@ from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import TRUTH_NODES
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.observations.specimens import control_name
+from bayesdeg.pages.checkpoints import Checkpoints
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.page import build_page
 from bayesdeg.pipeline import run as running
 from bayesdeg.pipeline.judge import judge
 from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import Checkpoints
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.page import build_page
 from tests.hidden_effects.judging import verdict_with
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.hostile.inputs import hostile_inputs
-from tests.report.synthetic_run import write_full
+from tests.pages.synthetic_run import write_full
 
 CASES = [case for case in hostile_inputs() if case.subject == "report"]
 

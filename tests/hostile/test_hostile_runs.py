@@ -6,7 +6,7 @@ import pytest
 from bayesdeg.inference.course import CourseModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.inference.tree import to_datatree
-from bayesdeg.report.folder import RunFolder
+from bayesdeg.pages.folder import RunFolder
 from tests.hostile.inputs import hostile_inputs
 from tests.hostile.redrawn import redraw
 from tests.pipeline.planted_offset import planted_study

@@ -11,7 +11,7 @@ from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.means import Means
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.priors import HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
-from tests.emulator.closed_form import BOX, LENGTH
+from tests.surrogate.closed_form import BOX, LENGTH
 
 
 def log_prior(parameters, values):

@@ -26,7 +26,7 @@ from bayesdeg.observations.specimens import (
     no_map,
 )
 from bayesdeg.observations.tensile import TENSILE, Tensile, TensileCurves
-from tests.emulator.closed_form import ClosedFormMap
+from tests.surrogate.closed_form import ClosedFormMap
 
 NODES = (0.0, 12.5, 25.0)
 ELONGATION_NODES = (0.0, 25.0)

@@ -39,8 +39,8 @@ from bayesdeg.observations.specimens import (
     material_parameters,
 )
 from bayesdeg.priors import Normal, Parameter, ParameterTable
-from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
+from tests.surrogate.closed_form import trained
 
 MEAN = np.array([1.0, -2.0, 0.5])
 COVARIANCE = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, -0.2], [0.0, -0.2, 0.25]])

@@ -12,8 +12,8 @@ from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.tensile import Tensile, median_stresses
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import LogNormal
-from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
+from tests.surrogate.closed_form import trained
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 

@@ -18,9 +18,9 @@ from bayesdeg.observations.specimens import has_elongation, stiffness_spread
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.prediction.predictive import at_conditions
 from bayesdeg.priors import Choice
-from tests.emulator.closed_form import trained
 from tests.inference import slow_model
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model, values_of
+from tests.surrogate.closed_form import trained
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from scipy import special, stats
 
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import StudyError
 from bayesdeg.material.degradation import yeoh_constants
 from bayesdeg.material.strength import Strength
@@ -28,7 +27,8 @@ from bayesdeg.observations.published import (
     r_squared_log_density,
 )
 from bayesdeg.observations.specimens import FilmsAndActuators, Material
-from tests.emulator.closed_form import ClosedFormMap
+from bayesdeg.surrogate.trained import default_surrogate
+from tests.surrogate.closed_form import ClosedFormMap
 
 GELATIN = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 LEVELS = np.array([0.0, 5.0, 10.0, 15.0, 20.0, 25.0])

@@ -11,7 +11,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.causes.cause import Conditions
 from bayesdeg.laboratory.experiment import Design
-from tests.emulator.closed_form import ClosedFormMap
+from tests.surrogate.closed_form import ClosedFormMap
 
 with pytest.MonkeyPatch.context() as patch:
     patch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))

@@ -11,7 +11,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Status
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.trained import default_surrogate
+from bayesdeg.surrogate.trained import default_surrogate
 
 with pytest.MonkeyPatch.context() as patch:
     patch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))

@@ -13,14 +13,14 @@ from bayesdeg.actuator.reading import bottom_lines, evenly, line_of_reading
 from bayesdeg.commands.check import check
 from bayesdeg.data.photographs import TracedPhotograph, messages, trace_rows
 from bayesdeg.errors import StudyError
+from bayesdeg.pages.drawing import Shown
+from bayesdeg.pages.folder import PICTURES, RunFolder
+from bayesdeg.pages.page import FIGURES
+from bayesdeg.pages.record import RunRecord, VerdictRecord
+from bayesdeg.pages.tables import Tables
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.writing import write_pictures
 from bayesdeg.progress import Silent
-from bayesdeg.report.drawing import Shown
-from bayesdeg.report.folder import PICTURES, RunFolder
-from bayesdeg.report.page import FIGURES
-from bayesdeg.report.record import RunRecord, VerdictRecord
-from bayesdeg.report.tables import Tables
 from bayesdeg_camera import photographs as traced
 from bayesdeg_camera import pictures
 from bayesdeg_camera.tracing.plane import mapped

@@ -7,8 +7,8 @@ import numpy as np
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.pipeline.reading import read_study
-from tests.emulator.closed_form import ClosedFormMap
 from tests.inference.small_study import TRUTH
+from tests.surrogate.closed_form import ClosedFormMap
 
 OFFSET = 12.0
 PRESSURES = np.linspace(20.0, 160.0, 8)

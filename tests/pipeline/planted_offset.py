@@ -14,8 +14,8 @@ from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.tensile import Tensile
 from tests.criticism.linear_case import tight_model, with_known_scatter
-from tests.emulator.closed_form import trained
 from tests.inference.small_study import altered, values_of
+from tests.surrogate.closed_form import trained
 
 OFFSET = 12.0
 ONE_EACH = np.array([0, 2, 4])  # specimens: one a degradation rate

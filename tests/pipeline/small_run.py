@@ -5,17 +5,17 @@ import json
 
 import numpy as np
 
-from bayesdeg.emulator.trained import write_trained
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.tree import to_datatree
 from bayesdeg.inference.update import drawn_evenly
+from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.run_record import model_of
-from bayesdeg.report.record import RunRecord, VerdictRecord
+from bayesdeg.surrogate.trained import write_trained
 from tests.pipeline.planted_offset import emulator
 
 DRAWS = 1000

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.emulator.surrogate import Surrogate
 from bayesdeg.errors import BayesdegError, StudyError
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.means import Means
@@ -11,8 +10,9 @@ from bayesdeg.observations.specimens import has_elongation, no_map
 from bayesdeg.observations.tensile import Tensile
 from bayesdeg.pipeline.assemble import assemble, level_grid
 from bayesdeg.priors import Normal, Uniform
-from tests.emulator.closed_form import ClosedFormMap
+from bayesdeg.surrogate.surrogate import Surrogate
 from tests.pipeline.study_files import ACTUATOR, SETTINGS, SUMMARY, TENSILE, study_in
+from tests.surrogate.closed_form import ClosedFormMap
 
 
 def prior_of(model, name):

@@ -19,6 +19,9 @@ from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.folder import POSTERIOR_AVERAGED, RunFolder
+from bayesdeg.pages.left_out import Guard
+from bayesdeg.pages.record import MemberEntry
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.averaged import DRAWS, averaged, stored_form
 from bayesdeg.pipeline.calibrate import Fit
@@ -27,9 +30,6 @@ from bayesdeg.pipeline.run import Clock, conclude
 from bayesdeg.pipeline.stored import read_stored
 from bayesdeg.prediction.forecast import AVERAGE, MODEL
 from bayesdeg.progress import Silent
-from bayesdeg.report.folder import POSTERIOR_AVERAGED, RunFolder
-from bayesdeg.report.left_out import Guard
-from bayesdeg.report.record import MemberEntry
 from tests.pipeline.planted_offset import emulator, planted_study
 from tests.pipeline.small_run import chain_of, write_run
 

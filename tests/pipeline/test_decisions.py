@@ -9,8 +9,8 @@ from scipy.stats import norm
 
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.tables import DECISIONS, TABLES
 from bayesdeg.pipeline.writing import RISK, decisions
-from bayesdeg.report.tables import DECISIONS, TABLES
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.laboratory.linear_actuator import LinearActuator, curvature_by_hand
 

@@ -10,11 +10,11 @@ from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.figures.actuator import deformed_figure
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.surface import SURFACE, read_surface
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
-from bayesdeg.report.figures.actuator import deformed_figure
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.surface import SURFACE, read_surface
 from tests.actuator.parts import half, tetrahedral, whole, write
 from tests.actuator.test_part import geometry_of_file
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model

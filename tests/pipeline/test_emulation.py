@@ -6,7 +6,8 @@ from statistics import median
 import pytest
 
 from bayesdeg.actuator.status import Status
-from bayesdeg.emulator.campaign import (
+from bayesdeg.progress import Silent
+from bayesdeg.surrogate.campaign import (
     Campaign,
     Expectation,
     Finished,
@@ -16,11 +17,10 @@ from bayesdeg.emulator.campaign import (
     expect,
     train_emulator,
 )
-from bayesdeg.emulator.kept import duration
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.progress import Silent
-from tests.emulator.closed_form import solution
+from bayesdeg.surrogate.kept import duration
+from bayesdeg.surrogate.solutions import SolutionStore
 from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, build
+from tests.surrogate.closed_form import solution
 
 
 @dataclass
@@ -78,7 +78,7 @@ def test_the_time_is_known_from_a_factorization_and_then_from_runs(campaign):
 
 @pytest.mark.fem
 def test_the_emulator_is_built_on_what_is_left_and_the_endings_are_of_all(campaign, monkeypatch):
-    monkeypatch.setattr("bayesdeg.emulator.campaign.build", build)
+    monkeypatch.setattr("bayesdeg.surrogate.campaign.build", build)
     shown = Shown()
     surrogate = train_emulator(campaign, expect(campaign, Silent()), shown)
     assert surrogate.length == GEOMETRY.dimensions.length

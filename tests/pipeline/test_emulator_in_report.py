@@ -1,12 +1,12 @@
 """What run.json says of the emulator is what the report shows."""
 
 from bayesdeg.inference.model import Refusals
+from bayesdeg.pages.page import build_page
+from bayesdeg.pages.record import RunRecord
 from bayesdeg.pipeline.run_record import emulator_facts, refusal_words
-from bayesdeg.report.page import build_page
-from bayesdeg.report.record import RunRecord
+from tests.pages.html_reading import read_html, table_cells
+from tests.pages.synthetic_run import write_full
 from tests.pipeline.tiny_campaign import emulator
-from tests.report.html_reading import read_html, table_cells
-from tests.report.synthetic_run import write_full
 
 TITLE = "Errors on finite element curves"
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesdeg.pages.record import BurstEntry, ModelEntry, RunRecord
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.stored import model_document
 from bayesdeg.prediction.experience import NEAR, Experience, experience_of
-from bayesdeg.report.record import BurstEntry, ModelEntry, RunRecord
 from tests.inference.small_study import actuator_curves, altered, small_model
 from tests.pipeline.study_files import study_in
 

@@ -38,7 +38,7 @@ from bayesdeg.pipeline.record import explain
 from bayesdeg.pipeline.run import _final
 from bayesdeg.priors import Parameter, TruncatedNormal
 from tests.criticism.linear_case import known_linear, with_readings
-from tests.report.test_findings import SAMPLED
+from tests.pages.test_findings import SAMPLED
 
 
 def verdict_document(*arguments, **options):

@@ -7,6 +7,11 @@ from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.course import CourseModel, degradation_at, rate_errors
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.tree import to_datatree
+from bayesdeg.pages.figures.films import course_figure
+from bayesdeg.pages.folder import POSTERIOR_COURSE, RunFolder
+from bayesdeg.pages.left_out import Guard
+from bayesdeg.pages.page import build_page
+from bayesdeg.pages.tables import COURSE, PARAMETERS, TABLES
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.films import (
@@ -17,14 +22,9 @@ from bayesdeg.pipeline.films import (
     course_summary,
 )
 from bayesdeg.progress import Silent
-from bayesdeg.report.figures.films import course_figure
-from bayesdeg.report.folder import POSTERIOR_COURSE, RunFolder
-from bayesdeg.report.left_out import Guard
-from bayesdeg.report.page import build_page
-from bayesdeg.report.tables import COURSE, PARAMETERS, TABLES
+from tests.pages.html_reading import read_html
+from tests.pages.synthetic_run import write_full
 from tests.pipeline.study_files import SETTINGS, study_in
-from tests.report.html_reading import read_html
-from tests.report.synthetic_run import write_full
 
 TRUTH = {
     "fresh_moisture": 20.0,

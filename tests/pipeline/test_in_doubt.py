@@ -11,10 +11,10 @@ from bayesdeg.criticism.decide.verdict import NotConverged
 from bayesdeg.criticism.findings import Displacement
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import Chain
+from bayesdeg.pages.headline import doubts_of
+from bayesdeg.pages.record import InDoubt, VerdictRecord
 from bayesdeg.pipeline.record import in_doubt
 from bayesdeg.priors import LogNormal, with_priors
-from bayesdeg.report.headline import doubts_of
-from bayesdeg.report.record import InDoubt, VerdictRecord
 from tests.inference.small_study import altered, draws_near_truth, small_model
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"

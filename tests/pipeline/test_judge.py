@@ -18,6 +18,7 @@ from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import data_of_actuators
+from bayesdeg.pages.left_out import Guard
 from bayesdeg.pipeline import judge as judging
 from bayesdeg.pipeline.assemble import Assembly
 from bayesdeg.pipeline.calibrate import Fit, base_of
@@ -32,10 +33,9 @@ from bayesdeg.pipeline.judge import (
 )
 from bayesdeg.priors import LogNormal, Normal, with_priors
 from bayesdeg.progress import Silent
-from bayesdeg.report.left_out import Guard
 from tests.criticism.linear_case import tight_model, with_known_scatter
-from tests.emulator.closed_form import trained
 from tests.inference.small_study import TRUTH, altered, values_of
+from tests.surrogate.closed_form import trained
 
 EFFORT = SearchEffort(replicates=60, fitted=2, pairs=1, levels_out=True)
 CAUSES = tuple(find(name) for name in ("pressure_offset", "erosion", "paper_softening"))

@@ -5,7 +5,6 @@ import pytest
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.data.study import Why
-from bayesdeg.emulator.scaling import GROUPS
 from bayesdeg.errors import StudyError
 from bayesdeg.material.hyperelastic import Yeoh, nominal_stress
 from bayesdeg.observations.means import Means
@@ -17,6 +16,7 @@ from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run_record import vendor_check
 from bayesdeg.pipeline.stored import model_document, stored_model
 from bayesdeg.priors import LogNormal
+from bayesdeg.surrogate.scaling import GROUPS
 from tests.inference.small_study import TRUTH
 from tests.pipeline.fresh_study import SETTINGS, fresh_study
 from tests.pipeline.planted_offset import emulator

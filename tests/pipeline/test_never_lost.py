@@ -19,13 +19,10 @@ from bayesdeg.criticism.posterior import prior_sensitivity
 from bayesdeg.errors import Fault, ResumableError, StudyError
 from bayesdeg.observations.means import Means
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.pipeline import films, judge, record, run, run_record, writing
-from bayesdeg.pipeline import writing as deciding
-from bayesdeg.prediction import prior_predictive
-from bayesdeg.report import drawing
-from bayesdeg.report import tables as columns
-from bayesdeg.report.folder import LEFT_OUT, POSTERIOR_AVERAGED, POSTERIORS, RunFolder
-from bayesdeg.report.left_out import (
+from bayesdeg.pages import drawing
+from bayesdeg.pages import tables as columns
+from bayesdeg.pages.folder import LEFT_OUT, POSTERIOR_AVERAGED, POSTERIORS, RunFolder
+from bayesdeg.pages.left_out import (
     STRICT,
     Guard,
     OptionalStage,
@@ -33,9 +30,12 @@ from bayesdeg.report.left_out import (
     posterior_stage,
     table_stage,
 )
-from bayesdeg.report.page import FIGURES as DRAWN
+from bayesdeg.pages.page import FIGURES as DRAWN
+from bayesdeg.pipeline import films, judge, record, run, run_record, writing
+from bayesdeg.pipeline import writing as deciding
+from bayesdeg.prediction import prior_predictive
+from tests.pages.html_reading import read_html
 from tests.pipeline.planted_offset import emulator, planted_study
-from tests.report.html_reading import read_html
 
 EFFORT = SearchEffort(replicates=60, fitted=1, pairs=0, levels_out=True)
 COARSEST = Resolution(along=9.0, across=9.0, up=9.0)

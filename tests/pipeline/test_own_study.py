@@ -14,12 +14,12 @@ from typer.testing import CliRunner
 import bayesdeg as bd
 from bayesdeg.cli import app
 from bayesdeg.inference.model import CountedDensity, Refusals
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.headline import doubts_of, forward_map_words
+from bayesdeg.pages.wording import SPACE
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run import fingerprint
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.headline import doubts_of, forward_map_words
-from bayesdeg.report.wording import SPACE
 
 FALL_TIMES = Path(__file__).parents[2] / "studies" / "fall_times"
 SETTINGS = """seed = 3

@@ -12,6 +12,7 @@ from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.settings import SuspectOptions
 from bayesdeg.data.study import Why, read_study
 from bayesdeg.inference.model import least_squares
+from bayesdeg.pages.tables import SET_ASIDE, SUSPECTS
 from bayesdeg.pipeline import reach
 from bayesdeg.pipeline.aside import is_set_aside, set_aside, unused_rows
 from bayesdeg.pipeline.assemble import assemble
@@ -19,7 +20,6 @@ from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.pipeline.record import suspects_of
 from bayesdeg.pipeline.suspects import assemble_screened
 from bayesdeg.pipeline.writing import BUILDS
-from bayesdeg.report.tables import SET_ASIDE, SUSPECTS
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 READ = ["curvature_per_m", "bend_angle_deg"]

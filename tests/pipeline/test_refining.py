@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 from bayesdeg import training
-from bayesdeg.emulator.campaign import Campaign
-from bayesdeg.emulator.kept import local_recipe
-from bayesdeg.emulator.refinement import Refinement
-from bayesdeg.emulator.solutions import SolutionStore
-from bayesdeg.emulator.trained import is_refined, write_trained
+from bayesdeg.pages.wording import parameter_words
 from bayesdeg.pipeline import region
 from bayesdeg.pipeline.region import (
     COMMON_ERROR,
@@ -24,7 +20,11 @@ from bayesdeg.pipeline.region import (
     shifts_of,
 )
 from bayesdeg.pipeline.run_record import emulator_facts
-from bayesdeg.report.wording import parameter_words
+from bayesdeg.surrogate.campaign import Campaign
+from bayesdeg.surrogate.kept import local_recipe
+from bayesdeg.surrogate.refinement import Refinement
+from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.surrogate.trained import is_refined, write_trained
 from tests.pipeline.study_files import SETTINGS, study_in
 from tests.pipeline.tiny_campaign import COARSE, FINE, GEOMETRY, RECIPE, TABLE, emulator
 

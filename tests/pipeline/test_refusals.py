@@ -12,12 +12,12 @@ from bayesdeg.inference.laplace import Evidence, approximate, evidence
 from bayesdeg.inference.model import CountedDensity, Refusals
 from bayesdeg.inference.sampling import Effort, sample
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.pipeline.run_record import emulator_facts, refusal_words
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import Checkpoints
-from tests.emulator.closed_form import trained
 from tests.inference.small_study import altered, draws_near_truth, small_model, values_of
+from tests.surrogate.closed_form import trained
 
 SHORT = Effort(effective=1e9, r_hat=1.0, chunk=10, longest=20, ensembles=2)
 

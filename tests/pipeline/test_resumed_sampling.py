@@ -12,8 +12,8 @@ import pytest
 
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.sampling import Effort, SamplerStatus, sample
+from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pipeline.calibrate import Pace, calibrate, steps_left
-from bayesdeg.report.checkpoints import Checkpoints
 from tests.inference.test_ensemble import GaussianModel
 
 EFFORT = Effort(effective=1e9, r_hat=1.0, chunk=5, longest=35, ensembles=2)

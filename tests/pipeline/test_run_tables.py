@@ -10,11 +10,11 @@ from bayesdeg.criticism.posterior.convergence import diagnose
 from bayesdeg.inference.laplace import Evidence, Laplace
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.tables import TABLES
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.run_record import bases, comparisons, rests_on
-from bayesdeg.report.tables import TABLES
 from tests.inference.small_study import TRUTH, values_of
 from tests.pipeline.study_files import FILES, SETTINGS, SUMMARY, study_in
 

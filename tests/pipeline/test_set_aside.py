@@ -13,6 +13,10 @@ from bayesdeg.data.settings import SuspectOptions
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import FilmsAndActuators
+from bayesdeg.pages.headline import doubts_of
+from bayesdeg.pages.record import InDoubt, SuspectEntry, VerdictRecord
+from bayesdeg.pages.tables import SUSPECTS
+from bayesdeg.pages.wording import sentences
 from bayesdeg.pipeline import run
 from bayesdeg.pipeline import suspects as screening
 from bayesdeg.pipeline.aside import Exclusion, is_set_aside, set_aside
@@ -21,10 +25,6 @@ from bayesdeg.pipeline.record import suspects_of
 from bayesdeg.pipeline.suspects import assemble_screened
 from bayesdeg.pipeline.writing import BUILDS
 from bayesdeg.progress import Silent
-from bayesdeg.report.headline import doubts_of
-from bayesdeg.report.record import InDoubt, SuspectEntry, VerdictRecord
-from bayesdeg.report.tables import SUSPECTS
-from bayesdeg.report.wording import sentences
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 READ = ["curvature_per_m", "bend_angle_deg"]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from bayesdeg.inference.sampling import EFFORTS
+from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.progress import Silent
-from bayesdeg.report.checkpoints import Checkpoints
 from tests.inference.bimodal import two_normals
 
 

@@ -10,11 +10,11 @@ import pytest
 import bayesdeg as bd
 from bayesdeg.cli import INPUT_FAULT
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.page import build_page
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.update import ANEW, default_target
-from bayesdeg.report.folder import RunFolder
-from bayesdeg.report.page import build_page
 from tests.inference.small_study import values_of
 from tests.pipeline.planted_offset import (
     OFFSET,

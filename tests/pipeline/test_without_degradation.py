@@ -14,17 +14,17 @@ import pytest
 from bayesdeg import cli
 from bayesdeg.commands import run as command
 from bayesdeg.criticism.fit.search import SearchEffort
-from bayesdeg.emulator.trained import write_trained
 from bayesdeg.observations.curvature import Curvature, common_error
 from bayesdeg.observations.kinds import State
 from bayesdeg.pipeline import run, writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.outline import outline
+from bayesdeg.surrogate.trained import write_trained
+from tests.pages.html_reading import read_html
 from tests.pipeline.fresh_study import HEADS, RATIO_PRIOR, SETTINGS, SHRINKAGE, fresh_study
 from tests.pipeline.planted_offset import emulator
 from tests.pipeline.study_files import study_in
 from tests.pipeline.test_never_lost import COARSEST
-from tests.report.html_reading import read_html
 
 WORDS = re.compile(r"degrad|\bD_?R\b|moisture|shrink|gelatin|fresh specimen|in the soil", re.I)
 COLUMNS = re.compile(r"(film_)?degradation(_sd)?_pct")

@@ -7,9 +7,9 @@ from bayesdeg.actuator.curve import MODEL_VERSION
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.mesh import Resolution
 from bayesdeg.data.settings import Dimensions
-from bayesdeg.emulator.campaign import complete, runs
-from bayesdeg.emulator.kept import FIT_VERSION, Recipe
-from tests.emulator.closed_form import trained
+from bayesdeg.surrogate.campaign import complete, runs
+from bayesdeg.surrogate.kept import FIT_VERSION, Recipe
+from tests.surrogate.closed_form import trained
 
 TABLE = "[actuator]\nlength = 14.0\nchambers = 1\n"
 GEOMETRY = Geometry(Dimensions(length=14.0, chambers=1))

@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import norm
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.prediction.predictive import (
@@ -15,8 +14,9 @@ from bayesdeg.prediction.predictive import (
     draw_values,
     rupture_table,
 )
-from tests.emulator.closed_form import ClosedFormMap
+from bayesdeg.surrogate.trained import default_surrogate
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
+from tests.surrogate.closed_form import ClosedFormMap
 
 LEVELS = np.array([0.0, 12.5, 25.0])
 PRESSURES = np.array([0.0, 20.0, 60.0, 100.0, 140.0])

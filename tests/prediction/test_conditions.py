@@ -8,7 +8,6 @@ from scipy.optimize import brentq
 from scipy.special import erf
 
 from bayesdeg.causes.catalogue import CATALOGUE, find
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature
@@ -28,6 +27,7 @@ from bayesdeg.prediction.predictive import (
     rupture_table,
 )
 from bayesdeg.quantities import MOUNTS
+from bayesdeg.surrogate.trained import default_surrogate
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.prediction.test_control import StraightLine
 

@@ -10,13 +10,13 @@ from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.counts import CountedTests, RuptureCounts
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.means import Means
+from bayesdeg.pages.wording import SPACE, chance
 from bayesdeg.prediction.predictive import (
     fewest_checks,
     not_below,
     rupture_table,
     specimens_tested,
 )
-from bayesdeg.report.wording import SPACE, chance
 from tests.criticism.linear_case import constant_chain
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.stats import norm, sobol_indices
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import data_of_actuators
@@ -21,6 +20,7 @@ from bayesdeg.prediction.shares import (
     group_indices,
     known_variance,
 )
+from bayesdeg.surrogate.trained import default_surrogate
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 
 CLOSE = 0.02

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.data.study import Study, read_study
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel, near_films, replicate
@@ -38,6 +37,7 @@ from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.pipeline.summary import summary
 from bayesdeg.priors import ParameterTable
+from bayesdeg.surrogate.trained import default_surrogate
 from tests.hidden_effects.judging import judged
 
 Floats = NDArray[np.float64]

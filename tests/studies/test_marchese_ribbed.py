@@ -12,7 +12,7 @@ import pytest
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator.trained import read_trained, surrogate_for
+from bayesdeg.surrogate.trained import read_trained, surrogate_for
 
 FOLDER = Path(__file__).resolve().parents[2] / "studies/marchese_ribbed"
 

@@ -13,8 +13,8 @@ import pytest
 from scipy import stats
 
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.emulator.trained import default_surrogate
 from bayesdeg.observations.curvature import actuator_parameters
+from bayesdeg.surrogate.trained import default_surrogate
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 PARTS = (

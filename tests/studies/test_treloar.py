@@ -15,11 +15,11 @@ from bayesdeg.criticism.decide.support import as_it_is, hold_out_each
 from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.study import read_study
+from bayesdeg.pages.wording import fixed, worded
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.record import verdict_document
 from bayesdeg.priors import Normal, Parameter
 from bayesdeg.quantities import p_value_text
-from bayesdeg.report.wording import fixed, worded
 from tests.hidden_effects.judging import judged
 
 pytestmark = pytest.mark.slow

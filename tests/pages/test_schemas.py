@@ -1,0 +1,45 @@
+"""The published JSON schemas are those of the records, and what a run writes obeys them."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bayesdeg.pages.record import RunRecord, VerdictRecord
+from bayesdeg.records import VERSION, RecordError
+from docs.write_schemas import SCHEMAS, write_schemas
+from tests.pages.synthetic_run import write_full
+
+PUBLISHED = Path(__file__).resolve().parents[2] / "docs" / "schemas"
+
+
+def test_published_schemas_are_up_to_date(tmp_path):
+    write_schemas(tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {path.name for path in PUBLISHED.glob("*.json")}
+    for name in names:
+        published, written = (folder / name for folder in (PUBLISHED, tmp_path))
+        assert published.read_text("utf-8") == written.read_text("utf-8"), (
+            f"{name} is out of date: run `uv run python docs/write_schemas.py`"
+        )
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_every_file_says_which_version_of_its_format_it_is(name):
+    schema = json.loads(SCHEMAS[name].schema_text())
+    assert schema["properties"]["schema_version"]["default"] == VERSION
+
+
+@pytest.mark.parametrize("kind", [VerdictRecord, RunRecord])
+def test_what_is_written_comes_back(kind, tmp_path):
+    folder = write_full(tmp_path, "ambiguous")
+    record = folder.read_verdict() if kind is VerdictRecord else folder.read_run()
+    assert kind.read(json.loads(record.text())) == record
+    assert next(iter(json.loads(record.text()))) == "schema_version"
+
+
+def test_keys_of_another_version_are_passed_over_and_a_newer_format_is_refused():
+    verdict = VerdictRecord.read({"outcome": "adequate", "colour": "red"})
+    assert "colour" not in verdict.document()
+    with pytest.raises(RecordError, match="newer bayesdeg"):
+        VerdictRecord.read({"outcome": "adequate", "schema_version": VERSION + 1})
