@@ -7,7 +7,7 @@ one_importer                 modules that a single other one imports, by that on
                              geometry, a command, a program, a home of names of ``bayesdeg`` itself
 executed                     modules of which functions run: as a study is read and becomes a model,
                              and as vectors of parameters become log densities, and curvatures
-is_none                      lines with ``is None``
+is_none                      lines with ``is None`` or ``is not None``
 private_used_once            private functions and methods with one use
 own_map_files                files that ask whether a study has a forward map of its own
 classes_named_alike          public classes of one name
@@ -182,15 +182,15 @@ def measured_pages() -> dict[str, object]:
     }
 
 
-def is_private(name: str) -> bool:
-    """Return whether a function is of its module alone."""
-    return name.startswith("_") and not name.endswith("__")
+def private_used_once(module: str) -> int:
+    """Return how many functions of a module alone have a single use."""
+    defined = [node.name for node in ast.walk(TREES[module]) if isinstance(node, ast.FunctionDef)]
+    named = Counter(re.findall(r"\b_\w+", SOURCES[module]))
+    return sum(named[name] == 2 for name in defined if not name.endswith("__"))
 
 
 def measured() -> dict[str, object]:
     nodes = [node for tree in TREES.values() for node in ast.walk(tree)]
-    private = [n.name for n in nodes if isinstance(n, ast.FunctionDef) and is_private(n.name)]
-    named = Counter(re.findall(r"\b_\w+", "\n".join(SOURCES.values())))
     classes = Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
     rules = runpy.run_path(str(ROOT / "tests/test_architecture.py"))
     tests = [ast.parse(path.read_text(encoding="utf-8")) for path in rules["TESTS"]]
@@ -200,8 +200,12 @@ def measured() -> dict[str, object]:
         "code_lines": sum(map(code_lines, SOURCES)),
         "one_importer": one_importer(),
         "executed": modules_run_by_a_study(),
-        "is_none": sum("is None" in line for s in SOURCES.values() for line in s.splitlines()),
-        "private_used_once": sum(named[name] == 2 for name in private),
+        "is_none": sum(
+            bool(re.search(r"\bis (not )?None\b", line))
+            for source in SOURCES.values()
+            for line in source.splitlines()
+        ),
+        "private_used_once": sum(map(private_used_once, SOURCES)),
         "own_map_files": sorted(name for name, s in SOURCES.items() if OWN_MAP.search(s)),
         "classes_named_alike": [n for n, k in classes.items() if k > 1 and n[0] != "_"],
         "public_names": len(dir(bayesdeg)),
