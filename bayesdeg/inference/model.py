@@ -17,11 +17,11 @@ from bayesdeg.observations import catalogue
 from bayesdeg.observations.kinds import (
     NOWHERE,
     Deviations,
-    HeldOut,
+    Grouped,
     Labels,
     Observations,
     Places,
-    Readings,
+    Pointwise,
     Scale,
     State,
     joined_places,
@@ -213,9 +213,9 @@ class JointModel:
         return joined_places(parts) if parts else NOWHERE
 
     @property
-    def _read(self) -> tuple[Readings, ...]:
+    def _read(self) -> tuple[Pointwise, ...]:
         """Kinds of data with readings; an empty part would change the layout of others."""
-        found = (one for one in self.observations if isinstance(one, Readings))
+        found = (one for one in self.observations if isinstance(one, Pointwise))
         return tuple(one for one in found if one.is_criticised and len(one.places))
 
     @property
@@ -244,11 +244,11 @@ class JointModel:
         return np.concatenate([np.empty(0, dtype=np.str_), *parts])
 
     @property
-    def _of_groups(self) -> tuple[HeldOut, ...]:
-        return tuple(one for one in self.observations if isinstance(one, HeldOut))
+    def _of_groups(self) -> tuple[Grouped, ...]:
+        return tuple(one for one in self.observations if isinstance(one, Grouped))
 
     @property
-    def _held(self) -> tuple[HeldOut, ...]:
+    def _held(self) -> tuple[Grouped, ...]:
         """The held-out data, and further readings on the same specimens."""
         asked = [one for one in self._of_groups if one.name == self.held]
         usual = [one for one in self._of_groups if one.priority] if not self.held else []

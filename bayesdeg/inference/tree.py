@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bayesdeg.inference.density import Density
 from bayesdeg.inference.model import JointModel, blocks_of
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.observations.kinds import Readings, Stored
+from bayesdeg.observations.kinds import Pointwise, Stored
 
 Floats = NDArray[np.float64]
 Groups = dict[str, dict[str, NDArray[np.generic]]]
@@ -114,7 +114,7 @@ def _stored_readings(
 ) -> list[Stored]:
     """Return the readings, their densities and replicates to keep."""
     state, tests = model.state(values), model.tests(values)
-    read = (one for one in model.observations if isinstance(one, Readings))
+    read = (one for one in model.observations if isinstance(one, Pointwise))
     return [kept for one in read for kept in one.stored(state, tests, generator)]
 
 

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.inference.importance import about_mode, refitted
 from bayesdeg.inference.laplace import Evidence, approximate, smoothed
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.kinds import Readings
+from bayesdeg.observations.kinds import Pointwise
 
 Floats = NDArray[np.float64]
 
@@ -145,7 +145,7 @@ def _log_likelihood(
 ) -> Floats:
     """Return the log density of all readings of some specimens, (n,)."""
     tested = [one for one in model.observations if one.is_criticised and one.uses_forward]
-    tested = [one for one in tested if not (isinstance(one, Readings) and one.shares)]
+    tested = [one for one in tested if not (isinstance(one, Pointwise) and one.shares)]
     rows = [np.flatnonzero([name in specimens for name in one.labels]) for one in tested]
     some = tuple(one.subset(of) for one, of in zip(tested, rows, strict=True) if len(of))
     if not some:

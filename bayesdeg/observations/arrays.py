@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.observations.kinds import (
     Deviations,
-    HeldOut,
+    Grouped,
     Observations,
     Parts,
     Places,
-    Readings,
+    Pointwise,
     State,
 )
 from bayesdeg.observations.noise import Linearised, Paths, blocks_of_covariance, innovations
@@ -127,7 +127,7 @@ def places_of_tests(
 
 
 @dataclass(frozen=True)
-class PathReadings[T: SpecimenTests](Readings, HeldOut):
+class PathReadings[T: SpecimenTests](Pointwise, Grouped):
     """Readings along paths, by a law that is linearised about the specimens' own deviations.
 
     Parameters

@@ -252,7 +252,7 @@ class Observations(Protocol):
 
     Rows are independent given the parameters: specimens, or published statistics. A kind needs a
     name, labels, a density and how to choose rows; everything else has a default. One that is
-    compared reading by reading is also `Readings`, one that may be left out by groups `HeldOut`.
+    compared reading by reading is also `Pointwise`, one that may be left out by groups `Grouped`.
 
     Parameters
     ----------
@@ -372,7 +372,7 @@ class Observations(Protocol):
 
 
 @runtime_checkable
-class Readings(Observations, Protocol):
+class Pointwise(Observations, Protocol):
     """A kind of data that is compared with a model reading by reading.
 
     Parameters
@@ -435,7 +435,7 @@ class Readings(Observations, Protocol):
 
 
 @runtime_checkable
-class HeldOut(Observations, Protocol):
+class Grouped(Observations, Protocol):
     """A kind of data that may be left out group by group.
 
     Parameters

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.shrinkage import film_masses, mean_over_films
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
-from bayesdeg.observations.kinds import HeldOut, Observations, Parts, Rows, State
+from bayesdeg.observations.kinds import Grouped, Observations, Parts, Rows, State
 from bayesdeg.observations.noise import student, student_information
 from bayesdeg.observations.specimens import FilmsAndActuators, modulus_100, young_modulus
 from bayesdeg.priors import Named
@@ -153,7 +153,7 @@ def _kinds_of(statistics: tuple[Statistic, ...]) -> tuple[Floats, Flags, Flags, 
 
 
 @dataclass(frozen=True)
-class Means(HeldOut):
+class Means(Grouped):
     """Means of replicates.
 
     Parameters

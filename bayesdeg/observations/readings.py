@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.fold import Acting, applied
 from bayesdeg.observations.kinds import (
-    HeldOut,
+    Grouped,
     Labels,
     Observations,
     Places,
-    Readings,
+    Pointwise,
     Rows,
     Scale,
     State,
@@ -221,7 +221,7 @@ def check_shapes(observed: Floats, places: Places, group: Labels, rows: Rows | s
 
 
 @dataclass(frozen=True)
-class FormulaReadings(Readings, HeldOut):
+class FormulaReadings(Pointwise, Grouped):
     """Readings of a `Formula`, with normal errors.
 
     Parameters

@@ -20,7 +20,7 @@ from bayesdeg.observations.curvature import (
     log_density,
     no_actuators,
 )
-from bayesdeg.observations.kinds import HeldOut, Observations, Parts, Rows, State
+from bayesdeg.observations.kinds import Grouped, Observations, Parts, Rows, State
 from bayesdeg.observations.noise import event_signal
 from bayesdeg.observations.specimens import (
     FilmsAndActuators,
@@ -86,7 +86,7 @@ def log_rupture(data: ActuatorCurves, prediction: Prediction, strength: Strength
 
 
 @dataclass(frozen=True)
-class Rupture(HeldOut):
+class Rupture(Grouped):
     """Whether each actuator burst, on the specimens whose curvature was read.
 
     It needs the parameters of the elongation at break.

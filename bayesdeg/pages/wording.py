@@ -375,7 +375,7 @@ FILTERS: Mapping[str, Callable[..., Any]] = {
 
 
 def environment(*, autoescape: bool = False) -> Environment:
-    """Return the environment for ``report/templates``; undefined names raise."""
+    """Return the environment for ``pages/templates``; undefined names raise."""
     made = Environment(
         loader=PackageLoader("bayesdeg.pages"),
         autoescape=autoescape,
@@ -416,7 +416,7 @@ def sentences(template: str, part: str, **facts: object) -> str:
     Parameters
     ----------
     template : str
-        Name of the file in ``report/templates``, without ``.j2``.
+        Name of the file in ``pages/templates``, without ``.j2``.
     part : str
         A macro of it without arguments.
     **facts

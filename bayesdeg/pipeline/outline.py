@@ -25,7 +25,7 @@ from bayesdeg.material.degradation import Nodes, nodes_for
 from bayesdeg.observations.catalogue import TABLES, observations_of, of_kind
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.observations.curvature import OF_DEGRADATION, Curvature
-from bayesdeg.observations.kinds import Observations, Readings
+from bayesdeg.observations.kinds import Observations, Pointwise
 from bayesdeg.observations.means import Means, Statistic
 from bayesdeg.observations.published import published_counts
 from bayesdeg.observations.specimens import (
@@ -491,7 +491,7 @@ def unlinked(observations: tuple[Observations, ...]) -> tuple[tuple[str, str], .
             _sentences("unlinked_cost"),
         )
         for one in observations
-        if isinstance(one, Readings) and one.linked(observations) is None
+        if isinstance(one, Pointwise) and one.linked(observations) is None
     )
 
 

@@ -204,7 +204,7 @@ def _predicted(
 
 
 def said(part: str, **facts: object) -> str:
-    """Fill a sentence of ``report/templates/answers.j2``."""
+    """Fill a sentence of ``pages/templates/answers.j2``."""
     return sentences("answers", part, **facts).replace(SPACE, " ")
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from bayesdeg.inference.model import JointModel, blocks_of, replicate, without
-from bayesdeg.observations.kinds import HeldOut, Places, Readings
+from bayesdeg.observations.kinds import Grouped, Places, Pointwise
 from bayesdeg.observations.published import PublishedTests, of_tests
 from bayesdeg.observations.readings import places_of
 from tests.inference.small_study import draws_near_truth, small_model, values_of
@@ -48,7 +48,7 @@ def test_all_kinds_of_films_and_actuators_are_there():
 def test_rows_have_a_density_and_a_group_each(kind, state):
     density = kind.log_likelihood(state)
     assert density.shape == (3, len(kind.labels))
-    if isinstance(kind, HeldOut):
+    if isinstance(kind, Grouped):
         assert len(kind.row_groups) == len(kind.labels)
     assert kind.specimens in ((), kind.labels)
 
@@ -66,7 +66,7 @@ def test_some_rows_have_the_densities_that_they_had_among_all(kind, state):
 @pytest.mark.parametrize("name", ["tensile", "actuator"])
 def test_readings_are_as_many_everywhere(name, state):
     kind = KINDS[name]
-    assert isinstance(kind, Readings)
+    assert isinstance(kind, Pointwise)
     count = len(kind.places)
     assert kind.observed.shape == (count,)
     assert kind.expected(state).shape == (3, count)
@@ -91,7 +91,7 @@ def test_factors_sum_to_the_density(kind, state):
 
 
 @dataclass(frozen=True)
-class Length(Readings, HeldOut):
+class Length(Pointwise, Grouped):
     """Lengths of parts, by calliper: the cube root of the volume ratio, read with 1 %."""
 
     name: ClassVar[str] = "length"
