@@ -55,7 +55,7 @@ def test_each_cause_of_a_study_is_known_once_with_the_priors_it_states(experimen
 
 
 def test_a_list_of_candidates_holds_for_counts_too(experiment):
-    narrowed = experiment.with_candidates(["pressure_offset", "flaw_embrittlement"]).assembly
+    narrowed = experiment.with_candidates(["pressure_offset", "flaw_embrittlement"])
     assert [cause.name for cause in narrowed.of_counts] == ["flaw_embrittlement"]
 
 

@@ -184,7 +184,7 @@ def test_python_judges_with_all_that_was_set_aside_too(study, monkeypatch):
         told.append(results.with_suspects)
         return InDoubt()
 
-    model = SimpleNamespace(forward=None, actuator=None)
+    model = SimpleNamespace(world=SimpleNamespace(forward=None), of_kind=lambda _: ())
     monkeypatch.setattr(run, "_decision_of", decided)
     monkeypatch.setattr(run, "can_be_judged", lambda _: True)
     monkeypatch.setattr(run, "judged_fit", lambda *_, **__: object())

@@ -107,7 +107,8 @@ def raw_prediction(model, grid):
     """What the emulator itself answers at the truth, without its common error."""
     base = tuple(p for p in model.base if not p.name.startswith("emulator_error"))
     truth = {k: v for k, v in TRUTH.items() if not k.startswith("emulator_error")}
-    return replace(grid, base=base).curvature(values_of(truth))
+    raw = replace(grid, base=base)
+    return raw.data_of(Curvature).predicted(raw.tests(values_of(truth))).prediction
 
 
 def test_bands_are_shifted_by_the_common_error_of_the_emulator(model):
