@@ -559,7 +559,8 @@ def replicate(model: JointModel, values: Named, generator: np.random.Generator) 
 
     Examples
     --------
-    >>>     >>> from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
+    >>> from bayesdeg.observations.means import Means, Statistic
+    >>> from bayesdeg.observations.specimens import FilmsAndActuators, material_parameters
     >>> modulus = Statistic("young_modulus", 0.0, 1.7, 0.1, "published", 2.0)
     >>> films = FilmsAndActuators((0.0,))
     >>> model = JointModel(material_parameters((0.0,)), (Means((modulus,)),), films)

@@ -147,6 +147,7 @@ def settings_text(settings: Settings) -> str:
 
     Examples
     --------
+    >>> from bayesdeg.data.settings import Paper
     >>> print(settings_text(Settings(seed=7, paper=Paper(0.2))))
     seed = 7
     <BLANKLINE>

@@ -205,7 +205,7 @@ def test_what_readings_do_not_show_and_flat_priors_are_not_judged():
     assert one.learned < LEAST_LEARNED
     assert not one.is_judged
     assert other.is_judged
-    assert other.adjusted == other.p_value  # counted alone
+    assert other.p_adjusted == other.p_alone  # counted alone
     flat = subject_of(readings(seed=1, offset=3.0))
     flat = replace(flat, base=(replace(flat.base[0], law=Flat()), flat.base[1]))
     assert not exact_split(flat.observed, subject=flat).displacements[0].is_judged

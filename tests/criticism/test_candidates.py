@@ -48,7 +48,7 @@ def test_a_named_cause_has_its_factor_gain_share_and_size(judged):
     search, (best, *_) = judged
     observed = search.base.subject.observed
     cause = linear_cause("wave")
-    assert best.fitted
+    assert best.judged_by == "full fit"
     exact = straight.log_factor(observed, cause)
     assert best.log_bayes_factor == pytest.approx(exact, abs=0.15)
     errors = [search.trials[names].posterior.error for names in (BASE, frozenset({"wave"}))]
@@ -73,7 +73,7 @@ def test_a_named_cause_has_its_factor_gain_share_and_size(judged):
 def test_a_cause_that_was_screened_only_has_no_size(judged):
     search, found = judged
     screened = search.step(BASE).screened
-    only = [c for c in found if not c.fitted]
+    only = [c for c in found if c.judged_by == "screening"]
     assert only
     for one in only:
         assert frozenset({one.cause}) not in search.trials

@@ -157,10 +157,15 @@ def test_a_reading_that_no_draw_answers_has_no_prediction():
     """Where the actuator of every draw balloons, say: without a warning, and beside others."""
     drawn = np.ones((3, 1, 2))
     drawn[:, :, 1] = np.nan
+    curves = SimpleNamespace(
+        tests=SimpleNamespace(pressure=np.zeros((1, 2))),
+        predicted=lambda state: SimpleNamespace(prediction=SimpleNamespace(curvature=drawn)),
+        drawn=lambda state, generator: 2.0 * drawn,
+    )
     model = SimpleNamespace(
         table=SimpleNamespace(named=lambda vectors: vectors),
-        curvature=lambda values: SimpleNamespace(curvature=drawn),
-        simulate_curvature=lambda values, generator: 2.0 * drawn,
+        tests=lambda values: values,
+        data_of=lambda kind: curves,
     )
     chain = SimpleNamespace(vectors=np.zeros((1, 1, 1)))
     fit = predict_readings(model, chain, np.random.default_rng(1), draws=3)

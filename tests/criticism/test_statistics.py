@@ -107,7 +107,7 @@ class Read:
     def __init__(self, subject, observed):
         self.subject = getattr(subject, "subject", subject)
         self.places, self.observed = subject.places, observed
-        self.degrades = self.subject.world.degrades
+        self.world = self.subject.world
 
 
 def reading(linear, readings):

@@ -65,13 +65,10 @@ def predict_readings(
     """Return posterior predictions at the conditions of the data; nan if no draw has any."""
     flat = chain.vectors.reshape(-1, chain.vectors.shape[-1])
     values = model.table.named(flat[generator.integers(len(flat), size=draws)])
-    mean = _known(
-        model.data_of(Curvature).predicted(model.tests(values)).prediction.curvature,
-        partial(np.nanmean, axis=0),
-    )
-    read = model.data_of(Curvature).drawn(model.tests(values), generator)[
-        ..., : model.data_of(Curvature).tests.pressure.shape[1]
-    ]
+    state, curves = model.tests(values), model.data_of(Curvature)
+    mean = _known(curves.predicted(state).prediction.curvature, partial(np.nanmean, axis=0))
+    # bend angles follow the curvatures
+    read = curves.drawn(state, generator)[..., : curves.tests.pressure.shape[1]]
     low, high = _known(read, partial(np.nanquantile, q=[0.05, 0.95], axis=0))
     return CurvatureFit(mean, low, high)
 
