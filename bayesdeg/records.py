@@ -258,7 +258,7 @@ class Record(BaseModel):
         return cls.model_validate(source, from_attributes=True)
 
     def document(self) -> dict[str, object]:
-        """Return the content for JSON: values that are not finite become null."""
+        """Return the content for JSON: nan and what no reader accepts become null."""
         return plain(self.model_dump(by_alias=True))
 
 
@@ -277,7 +277,7 @@ class FileRecord(Record):
     def schema_text(cls) -> str:
         """Return the published JSON schema of the file."""
         schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-        schema |= cls.model_json_schema()
+        schema |= cls.model_json_schema(by_alias=True)
         return json.dumps(_published(schema), indent=2, ensure_ascii=False) + "\n"
 
 
@@ -317,7 +317,7 @@ def _plain(value: object) -> object:
         return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(value, float) and not abs(value) <= LARGEST:
         return None
     return value
 

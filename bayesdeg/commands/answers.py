@@ -29,7 +29,7 @@ from bayesdeg.prediction.soil import Level, known_levels
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
 
 Floats = NDArray[np.float64]
-Texts = Sequence[str]
+Texts = list[str]
 
 MOST_ROWS = 5000
 
@@ -250,12 +250,12 @@ def ask_own(
     block = own.map_of(stored).readings[0]
     seed = seed_of(stored, asking)
     if not inverse:
-        found = own.predict(stored, inputs_of(x or (), list(block.x)), seed)
+        found = own.predict(stored, inputs_of(x or [], list(block.x)), seed)
     else:
         if not reading:
             raise typer.BadParameter("--reading is missing")
         wanted = numbers(reading, "--reading", block.unit, low=-np.inf, high=np.inf)
-        at = inputs_of(x or (), list(block.x))
+        at = inputs_of(x or [], list(block.x))
         several = [name for name, column in at.items() if len(np.unique(column)) > 1]
         if several != list(at)[:1]:
             raise typer.BadParameter(

@@ -23,7 +23,7 @@ class EffectSize(Record):
 
 
 class Candidate(Record):
-    """One candidate cause; if it could not be judged, `probability` is None and `why` says why."""
+    """One candidate cause; if it could not be judged, `probability` is null and `why` says why."""
 
     cause: Text = entry("name of the cause", "")
     probability: Number = entry(
@@ -208,7 +208,7 @@ class Displacement(Record):
     all_else_q05: Real = entry("5 % quantile given all else", NAN, key="all_else_low")
     all_else_q50: Real = entry("median given all else", NAN, key="all_else_median")
     all_else_q95: Real = entry("95 % quantile given all else", NAN, key="all_else_high")
-    measured: Real = entry("a measurement of the parameter alone; null if there is none", NAN)
+    measured: Real = entry("a measurement of the parameter alone, if there is one", NAN)
     measured_se: Real = entry("standard error of that", NAN)
     measured_source: Text = entry("source of that measurement", "", key="source")
     moved_sd: Real = entry(
@@ -247,10 +247,10 @@ class Displacement(Record):
         "s²/U, the share of the variance removed by the readings; 0 where they do not show it", 0.0
     )
     score_sd: SkipJsonSchema[Real] = inner(
-        "the shift in sd of what a correct model gives, moved_sd/√learned; nan if not judged"
+        "the shift in sd of what a correct model gives, moved_sd/√learned, if judged"
     )
     p_alone: SkipJsonSchema[Real] = inner(
-        "of the readings alone against all else; nan if not judged", column="p_value"
+        "of the readings alone against all else, if judged", column="p_value"
     )
 
     @property
@@ -301,7 +301,7 @@ class PairEntry(Record):
     """How well an experiment is expected to separate two causes."""
 
     causes: Names = entry("the two", ())
-    expected_log_bayes_factor: Number = entry("as below, of this pair [nats]")
+    expected_log_bayes_factor: Number = entry("as above, of this pair [nats]")
 
 
 class ExperimentEntry(Record):

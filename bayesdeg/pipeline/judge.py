@@ -432,7 +432,7 @@ def judge_model(
     model : JointModel
         With its readings.
     causes : tuple of Cause
-        The assembly.
+        The catalogue.
     seed : int
         Of every random number.
     effort : SearchEffort

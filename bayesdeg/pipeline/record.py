@@ -403,13 +403,11 @@ def _departure(
 DRAWS = 4000  # draws of a posterior for medians
 
 
-def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = None) -> InDoubt:
+def in_doubt(results: Results, found: Sequence[Doubt] | None = None) -> InDoubt:
     """Return warnings to read before the verdict is used.
 
     Parameters
     ----------
-    study : Study
-        What was run.
     results : Results
         Of which the final calibration is held against its priors.
     found : sequence of Doubt, optional
@@ -422,8 +420,8 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
         priors all but exclude.
     """
     assembly = results.assembly
-    left, whole = assembly.study or study, assembly.whole or study
-    unused = unused_rows(left, whole, (*assembly.beyond, *assembly.aside))
+    aside = (*assembly.beyond, *assembly.aside)
+    unused = unused_rows(assembly.study, assembly.whole, aside)
     decided = () if results.judgement is None else results.judgement.decision.reasons
     decided_with = results.with_suspects
     return InDoubt(
@@ -446,7 +444,7 @@ def in_doubt(study: Study, results: Results, found: Sequence[Doubt] | None = Non
             # a final model that did not converge is excluded: the base model predicts
             *(worded(one) for one in decided if isinstance(one, NotConverged)),
         ),
-        suspects=suspects_of(study, results, found),
+        suspects=suspects_of(results, found),
         parameters_in_question=tuple(_off_priors(results)),
         with_suspects=None if decided_with is None else OutcomeEntry.of(decided_with),
         forward_map=forward_map_of(results),
@@ -464,12 +462,10 @@ def forward_map_of(results: Results) -> ForwardMapEntry | None:
     return known.model_copy(update=found)
 
 
-def suspects_of(
-    study: Study, results: Results, found: Sequence[Doubt] | None = None
-) -> tuple[SuspectEntry, ...]:
+def suspects_of(results: Results, found: Sequence[Doubt] | None = None) -> tuple[SuspectEntry, ...]:
     """Return the doubtful data of a study: contradicted by the others, then by their columns."""
     assembly = results.assembly
-    whole = assembly.whole or study
+    whole = assembly.whole
     if found is None:
         known = isinstance(assembly.model.world, FilmsAndActuators)
         found = doubts(whole, outline(whole).expected) if known else ()
@@ -573,8 +569,8 @@ def _off_priors(results: Results) -> Iterator[Questioned]:
             yield one
         else:
             pushes = tuple(push.causes for push in absorbed.pushed_by(displaced))
-            found = {"displacement": displaced.moved_sd, "pushed_by": pushes}
-            yield one.model_copy(update=found)
+            moved = displaced.moved_sd if np.isfinite(displaced.moved_sd) else None
+            yield one.model_copy(update={"displacement": moved, "pushed_by": pushes})
 
 
 LARGEST_LOSS = 0.05  # share of simulated data sets lost before the reader is warned

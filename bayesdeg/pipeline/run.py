@@ -222,7 +222,7 @@ def verdict_on(
         generator = np.random.default_rng(streams.drawing)
         predicted = predict_readings(base.model, base.chain, generator)
         residual = base.model.data_of(Curvature).tests.curvature - predicted.mean
-    doubted = dict(in_doubt(assembly.study, results)) | {"left_out": guard.entries()}
+    doubted = dict(in_doubt(results)) | {"left_out": guard.entries()}
     return verdict_of(results, residual, "", guard).model_copy(update=doubted), judgement
 
 
@@ -344,7 +344,7 @@ def conclude(
         results = replace(
             results, averaged=None
         )  # files of failed stages are not recorded as present
-    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, study, results) or InDoubt()
+    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, results) or InDoubt()
     record = run_document(study, results, clock.seconds, guard, doubted)
     folder.write(record.model_copy(update={"posteriors": folder.posterior_hashes()}))
     return say_left_out(folder, document.model_copy(update=dict(doubted)), guard)

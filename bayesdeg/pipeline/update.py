@@ -569,7 +569,8 @@ def _results(
         taken[posterior] = _taken_in(
             of, posterior, drawn[posterior], (before, after), found.specimens, generator, enough
         )
-    whole = replace(assembly, model=taken[POSTERIOR_BASE].fit.model)
+    model = taken[POSTERIOR_BASE].fit.model
+    whole = replace(assembly, model=model, study=studies[1], whole=studies[1])
     return Results(whole, taken[POSTERIOR_BASE].fit, taken[POSTERIOR].fit, None), taken
 
 
@@ -662,7 +663,7 @@ def _finish(
     """Write the rows, the unchanged verdict and, last, the run record."""
     found, entry, unlikely = what
     write_bytes(folder.path / ADDED, found.added)
-    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, after, results, unlikely) or InDoubt()
+    doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, results, unlikely) or InDoubt()
     compare = partial(comparisons, after, results.final, results.counts_expected)
     compared = guard.attempt(OptionalStage.COMPARISONS, compare) or ()
     emulator = emulator_entry(results, guard)

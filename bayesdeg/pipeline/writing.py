@@ -901,7 +901,7 @@ def _suspects_table(found: TableSources) -> pd.DataFrame | None:
             "set_aside": int(one.set_aside),
             "why": one.why,
         }
-        for one in suspects_of(found.study, found.results)
+        for one in suspects_of(found.results)
     ]
     return pd.DataFrame(rows) if rows else None
 
@@ -1011,7 +1011,7 @@ def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
     """Return curvatures at the degradation rates of suspects, marking those set aside."""
     assembly = found.results.assembly
     whole, aside = assembly.whole, (*assembly.aside, *assembly.beyond)
-    if whole is None or whole.actuator is None or not any(a.table == "actuator" for a in aside):
+    if whole.actuator is None or not any(a.table == "actuator" for a in aside):
         return None
     table = whole.actuator[whole.actuator["curvature_per_m"].notna()].reset_index(drop=True)
     out = is_set_aside(table, [one for one in aside if one.table == "actuator" and one.is_out])

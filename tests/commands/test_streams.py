@@ -3,6 +3,7 @@
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,12 +13,12 @@ import pytest
 from bayesdeg import api, cli, training
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import simulate as simulating
-from bayesdeg.commands import trace as tracing
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.laboratory.hidden import lines_of
 from bayesdeg.pages.record import TakenInEntry, UpdateEntry, VerdictRecord
 from bayesdeg.pipeline.update import UpdatedRun
 from bayesdeg.results import Update
+from bayesdeg_camera import command as tracing
 from tests.commands.test_predict_and_control import buried, models, report
 from tests.commands.test_score_command import ANSWERS, TRUTHS
 from tests.pages.synthetic_run import write_full
@@ -75,7 +76,10 @@ def call(tmp_path, monkeypatch, capsys, buried):
     entry = UpdateEntry(posteriors={"final": TakenInEntry(method="weights", effective=9.0)})
     updated = Update(UpdatedRun(Path("full"), entry, pd.DataFrame([MOVED]), ("not judged",)))
     monkeypatch.setattr(api, "update", lambda *_, **__: updated)
-    monkeypatch.setattr(tracing, "_traced", lambda *_: photograph("one.png", b""))
+    found = SimpleNamespace(plane=SimpleNamespace(target=None))
+    monkeypatch.setattr(tracing, "trace", lambda *_, **__: found)
+    monkeypatch.setattr(tracing, "recorded", lambda *_: photograph("one.png", b""))
+    monkeypatch.setattr(tracing, "write_overlay", lambda *_: None)
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["bayesdeg", *arguments])

@@ -91,6 +91,12 @@ def test_neither_a_uniform_prior_nor_readings_better_than_expected_are_surprisin
     assert surprise(Flat(low=0.0), 3.0) == 1.0
 
 
+def test_a_flat_prior_beside_others_is_never_in_question(vectors):
+    model = small_model()
+    flat = altered(model, base=with_priors(model.base, {"volume_ratio": Flat()}))
+    assert "volume_ratio" not in {one.parameter for one in questioned(flat, vectors)}
+
+
 def test_a_part_that_did_not_shrink_questions_the_prior_of_one_that_did(vectors):
     """A volume ratio of 0.98 under 0.62 ± 0.07 once stood in a report as adequate."""
     [found] = calibrated_to(vectors, 0.98)

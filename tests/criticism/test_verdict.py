@@ -599,6 +599,12 @@ def test_with_what_is_left_unknown_the_cause_must_remove_nearly_all(monkeypatch,
     assert found.reasons == ((reason,) if reason else ())
 
 
+def test_an_unknown_misfit_is_not_one_that_was_not_reduced(monkeypatch):
+    monkeypatch.setattr(deciding, "explained_on_one_scale", lambda *_: NEARLY_ALL)
+    found = outcome_of(support(), base=step(0.3), final=UNKNOWN)
+    assert (found.outcome, found.reasons) == (Outcome.NAMED, ())
+
+
 @pytest.mark.parametrize("p_value", [0.5, 0.001])
 def test_a_cause_that_missed_a_test_is_not_named(p_value):
     untested = (NotComputed("held-out specimens", "It broke."),)

@@ -20,8 +20,9 @@ from tests.inference.small_study import altered, draws_near_truth, small_model
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 
 
-def results(absorbed=None, **priors):
+def results(absorbed=None, study=None, **priors):
     """A calibration near the truth of the small study, under some other priors."""
+    study = study or read_study(STUDY)
     model = small_model()
     values = model.table.named(draws_near_truth(model, 200))
     stated = altered(model, base=with_priors(model.base, priors))
@@ -31,7 +32,7 @@ def results(absorbed=None, **priors):
         final=SimpleNamespace(model=stated, chain=chain),
         fits={},
         assembly=SimpleNamespace(
-            model=stated, aside=(), study=None, whole=None, beyond=(), answers=None
+            model=stated, aside=(), study=study, whole=study, beyond=(), answers=None
         ),
         with_suspects=None,
         judgement=SimpleNamespace(absorbed=absorbed, decision=SimpleNamespace(reasons=())),
@@ -39,14 +40,14 @@ def results(absorbed=None, **priors):
 
 
 def test_a_sound_study_near_its_priors_is_in_no_doubt():
-    found = in_doubt(read_study(STUDY), results())
+    found = in_doubt(results())
     assert found == InDoubt()
 
 
 def test_a_final_model_whose_sampler_failed_is_said():
     judged = results()
     judged.judgement.decision.reasons = (NotConverged("model with the causes", 1.8, 12.0),)
-    [said] = in_doubt(read_study(STUDY), judged).not_converged
+    [said] = in_doubt(judged).not_converged
     assert "1.80" in said
 
 
@@ -54,7 +55,8 @@ def test_an_odd_film_and_a_value_off_its_prior_reach_the_reader():
     study = read_study(STUDY)
     films = study.tensile.copy()
     films.loc[films["specimen_id"] == "F10-2", "stress_MPa"] *= 10.0
-    found = in_doubt(replace(study, tensile=films), results(paper_stiffness=LogNormal(3e5, 0.3)))
+    odd = replace(study, tensile=films)
+    found = in_doubt(results(study=odd, paper_stiffness=LogNormal(3e5, 0.3)))
     [suspect], [question] = found.suspects, found.parameters_in_question
     assert (suspect.file, suspect.specimen) == ("tensile.csv", "F10-2")
     assert (suspect.column, suspect.value) == ("stress_MPa", "2.7686")
@@ -76,10 +78,9 @@ def test_what_pushed_a_parameter_in_question_stands_with_it():
         Push(("creep",), 2.0, {"paper_stiffness": -7.5}),
     )
     absorbed = Absorption((stiff,), pushes)
-    study = read_study(STUDY)
-    [question] = in_doubt(study, results(absorbed, paper_stiffness=prior)).parameters_in_question
+    [question] = in_doubt(results(absorbed, paper_stiffness=prior)).parameters_in_question
     assert question.displacement == -7.5
     assert question.pushed_by == (("paper_slack",),)
-    [plain] = in_doubt(study, results(paper_stiffness=prior)).parameters_in_question
+    [plain] = in_doubt(results(paper_stiffness=prior)).parameters_in_question
     assert {"displacement", "pushed_by"} & set(plain.model_dump()) == set()
     assert plain.median == question.median

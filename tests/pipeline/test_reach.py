@@ -95,7 +95,7 @@ def test_that_is_settled_before_readings_are_looked_at(ballooning):
 def test_they_are_told_with_pressure_and_count(ballooning):
     assembly = assemble_within_reach(ballooning)
     results = SimpleNamespace(assembly=assembly, final=None)
-    [entry] = [one for one in suspects_of(assembly.study, results) if one.set_aside]
+    [entry] = [one for one in suspects_of(results) if one.set_aside]
     assert (entry.oddity, entry.readings, entry.specimens) == ("beyond", 6, FRESH)
     assert "280 kPa" in entry.why
     assert "6 readings" in entry.why
@@ -109,7 +109,7 @@ def test_they_are_told_with_pressure_and_count(ballooning):
 def test_a_single_one_is_told_as_one(study):
     one = with_readings(study, FRESH[:1], [300.0])
     results = SimpleNamespace(assembly=assemble_within_reach(one), final=None)
-    [entry] = [entry for entry in suspects_of(one, results) if entry.set_aside]
+    [entry] = [entry for entry in suspects_of(results) if entry.set_aside]
     assert (entry.specimen, entry.specimens, entry.readings) == (FRESH[0], (), 1)
     assert "300 kPa" in entry.why
 

@@ -103,7 +103,7 @@ def test_a_specimen_that_the_others_contradict_takes_no_part(study, change, oddi
     others = study.actuator[study.actuator["specimen_id"] != "A10-2"]
     assert len(assembly.study.actuator) == len(others)
     results = SimpleNamespace(assembly=replace(assembly, aside=(one,)), final=None)
-    told = [entry for entry in suspects_of(assembly.study, results) if entry.set_aside]
+    told = [entry for entry in suspects_of(results) if entry.set_aside]
     assert [entry.specimen for entry in told] == ["A10-2"]
     assert told[0].oddity == oddity
     assert "A10-2" in told[0].why
@@ -180,7 +180,7 @@ def test_python_judges_with_all_that_was_set_aside_too(study, monkeypatch):
         assert forward is None
         return decision
 
-    def doubted(_, results):
+    def doubted(results):
         told.append(results.with_suspects)
         return InDoubt()
 

@@ -378,6 +378,16 @@ def test_what_is_unlikely_of_new_rows_is_in_doubt(places):
     assert "humidity_pct" in found.messages[0]
 
 
+def test_new_rows_that_no_fit_uses_are_counted(places):
+    folder, report, file = places
+    rows = pd.read_csv(folder / "new.csv")
+    flat = rows.iloc[:1].assign(pressure_kPa=0.0, curvature_per_m=0.0)
+    before = {one.why: one.rows for one in RunFolder(report).read_run().unused}
+    found = bd.update(report, pd.concat([rows, flat]), emulator=file, progress=False)
+    after = {one.why: one.rows for one in RunFolder(found.folder).read_run().unused}
+    assert sum(after.values()) == sum(before.values()) + 1
+
+
 def test_names_of_updates_count_up(tmp_path):
     first = default_target(tmp_path / "gel")
     second = default_target(first)

@@ -89,12 +89,13 @@ def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
     """
     values = model.table.named(vectors)
     medians = {parameter: float(np.median(values[parameter.name])) for parameter in model.base}
-    found = (
-        questioned_at(one, value, min(1.0, surprise(one.law, value) * len(medians)))
-        for one, value in medians.items()
-    )
-    worst_first = sorted(found, key=lambda one: one.p_value)
-    return tuple(one for one in worst_first if one.p_value <= MISFIT_LEVEL)
+    p_values = {
+        one: min(1.0, surprise(one.law, value) * len(medians)) for one, value in medians.items()
+    }
+    # flat laws, which have no quantiles, never get here
+    off = [one for one in medians if p_values[one] <= MISFIT_LEVEL]
+    found = [questioned_at(one, medians[one], p_values[one]) for one in off]
+    return tuple(sorted(found, key=lambda one: one.p_value))
 
 
 def questioned_at(parameter: Parameter, median: float, p_value: float) -> Questioned:

@@ -389,7 +389,8 @@ def _against_misfit(base: Step, final: Step) -> list[Reason]:
     left, replicates = final.misfit.p_value, len(final.misfit.null)
     if left > LEFT_LEVEL:
         return []
-    if base.misfit.p_value > MISFIT_LEVEL:
+    # of a misfit that is not calibrated p is nan
+    if base.misfit.p_value > MISFIT_LEVEL and left <= LEFT_LEVEL:
         return [NoReduction(left, replicates)]
     own, common = share_explained(base, final)
     share = max(own, common)

@@ -137,7 +137,7 @@ def _draw_counts(
     """Draw the shares of a level that burst, published ones filled, with 90 % intervals."""
     for one in counts:
         for row in one.levels:
-            if not abs(row.degradation_pct - level) <= LEVEL_WIDTH:
+            if not (abs(row.degradation_pct - level) <= LEVEL_WIDTH and row.tested > 0):
                 continue
             burst, tested = float(row.ruptured), float(row.tested)
             low, high = share_interval(burst, tested)
