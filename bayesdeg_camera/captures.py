@@ -140,7 +140,7 @@ def with_captures(study: Study, progress: Progress) -> Study:
         faults.append(Fault(SETTINGS_FILE, problem, remedy, None, "captures.plane"))
     if find_spec(LIBRARY) is None:
         problem = f"needs the library {LIBRARY}, which is not installed"
-        faults.append(Fault(FILE, problem, "run: pip install 'bayesdeg[camera]'"))
+        faults.append(Fault(FILE, problem, "run: pip install 'bayesdeg[motion]'"))
     raise_faults(faults)
     names = dict.fromkeys(map(str, table["file"]))
     recordings, hashes = _recordings(study, names, progress)

@@ -2,7 +2,8 @@
 
     python benchmarks/verdict_timed.py STUDY --effort quick
 
-The script asks nothing of its own checkout, so that any version of the package can run it.
+The script asks nothing of its own checkout: this version of the package and the commit `OLD` of
+``verdict_seconds.py`` can run it.
 Worker processes are open and warm before the clock starts, as they are in ``bayesdeg run`` once
 the base model was sampled, and compiled code comes from the cache if it is there.
 """
@@ -23,19 +24,20 @@ from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.progress import Silent
 
 try:
     from bayesdeg.criticism.fit.trials import CandidateFit
     from bayesdeg.data.study import read_study
     from bayesdeg.inference.model import JointModel, near_films
     from bayesdeg.pipeline.calibrate import base_without_chain
+    from bayesdeg.progress import Silent
     from bayesdeg.surrogate.workers import pool
 except ImportError:  # where they are in the commit `OLD` of verdict_seconds.py
     from bayesdeg.criticism.trials import CandidateFit
     from bayesdeg.inference.least_squares import near_films
     from bayesdeg.measure.study import read_study
     from bayesdeg.pipeline.base import base_without_chain
+    from bayesdeg.pipeline.progress import Silent
 
     from bayesdeg.console import pool
     from bayesdeg.inference.model import Model as JointModel

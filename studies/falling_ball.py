@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 import bayesdeg as bd
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.trials import try_causes
-from bayesdeg.inference.model import JointModel
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
@@ -98,11 +97,6 @@ def asked(*, gravity_known: bool) -> bd.Model:
         error=Parameter("timing_error", HalfNormal(0.1), "s", "sd of a time"),
     )
     return bd.Model(times, predict, parameters=() if gravity_known else (gravity,))
-
-
-def model(*, gravity_known: bool) -> JointModel:
-    """Return its density."""
-    return asked(gravity_known=gravity_known).density
 
 
 def drag_by_prior(judgement: Judgement, sd: float) -> list[float]:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 import bayesdeg as bd
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.discrepancy import interval_with_discrepancy
-from bayesdeg.inference.model import JointModel
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
@@ -93,11 +92,6 @@ def asked(seed: int, *, count: int = 31) -> bd.Model:
     )
     efficiency = Parameter("efficiency", Uniform(0.0, 1.0), "–", "work over effort, θ")
     return bd.Model(work, machine, parameters=(efficiency,))
-
-
-def model(seed: int, *, count: int = 31) -> JointModel:
-    """Return its density."""
-    return asked(seed, count=count).density
 
 
 def without_causes(judgement: Judgement) -> dict[str, list[float]]:

@@ -261,12 +261,12 @@ def relative_to_reference(forward: ForwardMap, inputs: Inputs) -> Prediction:
     excess: Floats | None = None
     if plain.excess is not None and zero.excess is not None:
         excess = np.hypot(plain.excess, zero.excess)
-    further, before = plain.further, zero.further
-    if further is not None and before is not None:
+    further: Further | None = None
+    if plain.further is not None and zero.further is not None:
         further = Further(
-            further.value - before.value,
-            further.slope - before.slope,
-            _difference_sd(further.sd, before.sd),
+            plain.further.value - zero.further.value,
+            plain.further.slope - zero.further.slope,
+            _difference_sd(plain.further.sd, zero.further.sd),
         )
     return replace(
         plain,

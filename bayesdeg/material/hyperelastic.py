@@ -220,7 +220,7 @@ class Yeoh:
     Parameters
     ----------
     c1, c2, c3 : array_like
-        Constants [MPa]; C₂ is often negative, see `stability`.
+        Constants [MPa]; C₂ is often negative.
 
     References
     ----------

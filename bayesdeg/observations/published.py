@@ -11,8 +11,8 @@ is a weighted sum of chi-squares, approximated by a scaled chi-square.
 
 R² is a likelihood only for a study without its own readings. With an ``actuator.csv`` it is shown
 next to the model's and not fitted: it describes other specimens and a different simulation, and the
-study's own readings carry the information. `published_density` uses R² for scatter and noise, not
-for the shape of the curves.
+study's own readings carry the information. `r_squared_log_density` uses R² for scatter and noise,
+not for the shape of the curves.
 
 Counts of ruptures are data in every study that has them, see `bayesdeg.observations.counts`.
 """

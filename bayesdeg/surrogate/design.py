@@ -189,10 +189,10 @@ def _within(curve: Curve, span: TrainingRange) -> Curve:
 
 
 def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[list[Curve], ...]:
-    """Return additional curves for the coarse and for the fine mesh, by `most_informative`.
+    """Return additional curves for the coarse and for the fine mesh.
 
-    The choice was made for the ``first`` stage on the coarse mesh, of which the first ``fine``
-    curves are solved on the fine mesh too.
+    ``benchmarks/second_stage.py`` made the choice for the ``first`` stage on the coarse mesh, of
+    which the first ``fine`` curves are solved on the fine mesh too.
     """
     chosen = json.loads(SECOND_STAGE.read_text(encoding="utf-8"))
     pool = candidates(span)

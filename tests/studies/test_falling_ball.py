@@ -26,7 +26,7 @@ def study():
 @pytest.fixture(scope="module")
 def judged(study):
     return {
-        known: judge_model(study.model(gravity_known=known), study.CATALOGUE, seed=1)
+        known: judge_model(study.asked(gravity_known=known).density, study.CATALOGUE, seed=1)
         for known in (False, True)
     }
 
@@ -66,7 +66,7 @@ def test_fall_time_is_smooth_through_zero_drag(study):
 
 
 def test_data_are_those_of_the_source(study):
-    subject = study.model(gravity_known=True)
+    subject = study.asked(gravity_known=True).density
     assert len(subject.observed) == 63
     assert len(subject.groups) == 21
     assert subject.places.along.max() == 4.272

@@ -28,7 +28,7 @@ def study():
 
 @pytest.fixture(scope="module", params=SEEDS)
 def judged(study, request):
-    subject = study.model(request.param)
+    subject = study.asked(request.param).density
     return {
         title: judge_model(subject, catalogue, seed=request.param)
         for title, catalogue in study.CATALOGUES.items()
@@ -89,7 +89,7 @@ def test_a_discrepancy_of_no_known_cause_widens_the_interval_but_does_not_make_i
 
 
 def test_an_average_over_causes_lies_between_theirs(study):
-    found = judge_model(study.model(2), study.CATALOGUES[ALIKE], seed=2)
+    found = judge_model(study.asked(2).density, study.CATALOGUES[ALIKE], seed=2)
     assert found.decision.outcome == "ambiguous"
     assert set(found.decision.causes) == {"growing_friction", "slip"}
     generator = np.random.default_rng(0)
@@ -103,7 +103,7 @@ def test_an_average_over_causes_lies_between_theirs(study):
 
 def test_a_machine_as_the_model_has_it_is_left_alone(study, monkeypatch):
     monkeypatch.setattr(study, "FRICTION", 0.0)
-    found = judge_model(study.model(5), study.CATALOGUES[ALIKE], seed=5)
+    found = judge_model(study.asked(5).density, study.CATALOGUES[ALIKE], seed=5)
     assert found.decision.outcome == "adequate"
     low, high = np.quantile(found.draws("efficiency", np.random.default_rng(0)), [0.005, 0.995])
     assert low < study.EFFICIENCY < high

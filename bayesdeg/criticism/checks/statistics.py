@@ -4,7 +4,7 @@ Curvatures and bend angles are used together unless they are compared. Sizes in 
 to the prediction; a ratio common to all readings is fitted jointly with each of them.
 
 Each statistic is computed in the same way for the data and for data sets simulated from the
-posterior, from residuals that allow for a refit of the parameters (`statistics_of_residuals`).
+posterior, from residuals that allow for a refit of the parameters (`statistics_of`).
 With T₀ the median of them all,
 
 .. math:: p = \frac{1 + \#\{|T_k - T_0| \ge |T - T_0|\}}{1 + n}
