@@ -226,7 +226,8 @@ class Model:
         known |= {one.name: one for one in (*self.assembly.causes, *self.active)}
         if given not in known:
             remedy = use_one_of(given, known) if known else "give the bayesdeg.Cause itself"
-            raise BayesdegError(f"there is no cause {given!r} of this model; {remedy}")
+            whose = "" if self.is_of_actuators else " of this model"
+            raise BayesdegError(f"there is no cause {given!r}{whose}; {remedy}")
         return known[given]
 
     def with_causes(self, *causes: Cause | str) -> Self:

@@ -192,7 +192,8 @@ class JointModel:
 
     def data_of[K: Observations](self, kind: type[K]) -> K:
         """Return the data of a kind; empty if the model has none."""
-        return next(iter(self.of_kind(kind)), kind())
+        found = self.of_kind(kind)
+        return found[0] if found else kind()
 
     # ---- readings and held-out groups
 
@@ -308,6 +309,8 @@ class JointModel:
         """Return the effect of specimen deviations on all readings."""
         state = self.state(self.table.named(vector[None]))
         found = [one.deviations(state) for one in self._read]
+        if not found:
+            return Deviations(np.empty((0, 0)), np.empty(0), np.empty(0))
         slope, spread, level = zip(*found, strict=True)
         joined = block_diag(*slope)
         starts = np.cumsum([0, *(len(own.spread) for own in found)])

@@ -134,17 +134,21 @@ def reweighted(
     chosen = frozenset(specimens)
     values = after.table.named(vectors)
     with np.errstate(all="ignore"):
-        ratio = _log_likelihood(after, chosen, values) - _log_likelihood(before, chosen, values)
+        # other kinds of data are the same before and after
+        same = {id(one) for one in before.observations} & {id(one) for one in after.observations}
+        with_new, without = (_log_likelihood(m, chosen, values, same) for m in (after, before))
+        ratio = with_new - without
         ratio = np.where(after.allows(values), ratio, -np.inf)
     ratio = np.where(np.isnan(ratio), -np.inf, ratio)
     return replace(smoothed(vectors, ratio), log_densities=densities + ratio)
 
 
 def _log_likelihood(
-    model: JointModel, specimens: frozenset[str], values: dict[str, Floats]
+    model: JointModel, specimens: frozenset[str], values: dict[str, Floats], same: set[int]
 ) -> Floats:
-    """Return the log density of all readings of some specimens, (n,)."""
-    tested = [one for one in model.observations if one.is_criticised and one.uses_forward]
+    """Return the log density of the readings of some specimens, of kinds not the same, (n,)."""
+    known = (one for one in model.observations if id(one) not in same)
+    tested = [one for one in known if one.is_criticised and one.uses_forward]
     tested = [one for one in tested if not (isinstance(one, Pointwise) and one.shares)]
     rows = [np.flatnonzero([name in specimens for name in one.labels]) for one in tested]
     some = tuple(one.subset(of) for one, of in zip(tested, rows, strict=True) if len(of))

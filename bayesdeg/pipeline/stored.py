@@ -137,7 +137,8 @@ def study_of(path: Path, run: RunRecord) -> Study:
             "readings are needed: put it back, or run it again"
         )
     study = read_study(place)
-    names = {*run.hashes, *study.hashes}
+    # code that was added to a study with its own map changed nothing that was calibrated
+    names = set(run.hashes) if run.forward else {*run.hashes, *study.hashes}
     changed = sorted(n for n in names if study.hashes.get(n) != run.hashes.get(n))
     if changed:
         raise BayesdegError(
@@ -189,7 +190,11 @@ def read_stored(
         )
     draws = {str(n): v.to_numpy() for n, v in tree["posterior"].to_dataset().items()}
     if study is not None:
-        model = assemble(study).with_parameters(draws)
+        assembly = assemble(study)
+        try:
+            model = assembly.with_parameters(draws)
+        except BayesdegError as fault:
+            raise BayesdegError(f"{path}: {fault}") from fault
     else:
         refuse_impossible_draws(draws, path)
         if not bends_actuators(draws):

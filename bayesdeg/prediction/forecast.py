@@ -43,11 +43,11 @@ POINT = 1.0  # tolerance of degradation rates outside the measured range [%]
 MODEL, AVERAGE = "model", "average"
 COURSE_STREAM = 3  # stream of the seed: draws of the course are independent of all others
 UNITS = (
-    {TIME: "h", "wanted_per_m": "1/m", "risk": "–", "reached": "1 yes, 0 no", "answered": "–"}
-    | dict.fromkeys(("degradation_pct", *RATE_COLUMNS), "%")
+    {TIME: "h", "wanted_per_m": "1/m", "risk": "–", "reached": "1 yes, 0 no"}
     | dict.fromkeys(("pressure_kPa", "allowed_kPa", *NEEDED_COLUMNS), "kPa")
+    | dict.fromkeys(("degradation_pct", *RATE_COLUMNS), "%")
     | dict.fromkeys(BAND_COLUMNS, "1/m")
-    | dict.fromkeys(PROBABILITY_COLUMNS, "–")
+    | dict.fromkeys((*PROBABILITY_COLUMNS, "answered"), "–")
 )
 
 

@@ -475,13 +475,13 @@ def _course() -> Course:
 
 def _ball(*, gravity_known: bool) -> Script:
     module = script("falling_ball")
-    return Script(module.model(gravity_known=gravity_known), module.CATALOGUE)
+    return Script(module.asked(gravity_known=gravity_known).density, module.CATALOGUE)
 
 
 def _machine() -> Script:
     module = script("simple_machine")
     causes = {cause.name: cause for some in module.CATALOGUES.values() for cause in some}
-    model = module.model(SIMULATED)
+    model = module.asked(SIMULATED).density
     (work,) = model.observations
     # specimens had numbers, and groups their efforts, when the numbers were frozen
     numbered = np.arange(1, len(work.observed) + 1).astype(np.str_)
