@@ -157,14 +157,13 @@ def _say_how_read(study: Study) -> None:
 
 def _check_own(study: Study) -> None:
     """Try the forward map and the causes of a study, and list its readings."""
-    # imports the engine, which no other check needs
+    # these import the engine, which no other check needs
     found = importlib.import_module("bayesdeg.pipeline.assemble").assemble(study)
     title = f"{study.name}: no faults"
     table = Table(title=Text(title), title_justify="left")
     table.add_column("what")
     table.add_column("found")
-    own = found.own
-    assert own is not None
+    own = importlib.import_module("bayesdeg.inference.own_map").user_map(found.model)
     for block in own.readings:
         specimens = len(set(block.places.specimen.tolist()))
         table.add_row(block.name, f"{len(block.y)} readings on {specimens} specimens")

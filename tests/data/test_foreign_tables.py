@@ -99,7 +99,7 @@ def test_a_wrong_form_is_refused_at_its_place(tmp_path, settings):
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b'"', b'"a;b\n1;2', b"\x00", b";;\n;;;;\n"])
 def test_whatever_is_there_is_translated_without_a_fault_of_ours(content):
-    form = ForeignTable({"x_mm": "x"}, ";", ",", 0)
+    form = ForeignTable({"x_mm": "x"}, delimiter=";", decimal=",")
     assert isinstance(translated(content, form, "markers.csv", "study.toml")[0], bytes)
 
 

@@ -383,7 +383,7 @@ def test_new_rows_that_no_fit_uses_are_counted(places):
     rows = pd.read_csv(folder / "new.csv")
     flat = rows.iloc[:1].assign(pressure_kPa=0.0, curvature_per_m=0.0)
     before = {one.why: one.rows for one in RunFolder(report).read_run().unused}
-    found = bd.update(report, pd.concat([rows, flat]), emulator=file, progress=False)
+    found = bd.update(report, pd.concat([flat, rows]), emulator=file, progress=False)
     after = {one.why: one.rows for one in RunFolder(found.folder).read_run().unused}
     assert sum(after.values()) == sum(before.values()) + 1
 
