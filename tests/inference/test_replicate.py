@@ -57,7 +57,7 @@ def with_exact_degradation(model):
     )
 
 
-@pytest.mark.parametrize("kind", ["tensile", "actuator"])
+@pytest.mark.parametrize("kind", [Tensile, Curvature])
 def test_whole_curves_are_at_the_distances_of_a_normal_law(kind):
     """The sum of squares of a specimen's whitened readings is χ² with as many degrees."""
     model, values = with_exact_degradation(small_model()), small_scatter()
@@ -69,12 +69,8 @@ def test_whole_curves_are_at_the_distances_of_a_normal_law(kind):
     )
     generator = np.random.default_rng(3)
     replicas = [replicate(model, values, generator) for _ in range(COUNT)]
-    linearised = {
-        "tensile": lambda m: m.of_kind(Tensile)[0].linearised(m.state(values)),
-        "actuator": lambda m: m.data_of(Curvature).linearised(m.state(values)),
-    }[kind]
-    distances = squared_distances(linearised, replicas)
-    degrees = getattr(model, kind).paths.mask.sum(axis=-1)
+    distances = squared_distances(lambda m: m.data_of(kind).linearised(m.state(values)), replicas)
+    degrees = model.data_of(kind).tests.paths.mask.sum(axis=-1)
     for s, degree in enumerate(degrees):
         assert is_uniform(stats.chi2(degree).cdf(distances[:, s])), s
 
