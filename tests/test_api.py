@@ -361,7 +361,7 @@ def ball():
 
 @pytest.mark.parametrize("gravity_known", [False, True])
 def test_the_falling_ball_comes_to_the_same_figures(ball, gravity_known):
-    model = ball.model(gravity_known=gravity_known)
+    model = ball.asked(gravity_known=gravity_known).density
     old = summary(judge_model(model, ball.CATALOGUE, seed=1))
 
     def fall(values, height):
