@@ -219,7 +219,7 @@ def solid(
     Returns
     -------
     float
-        The smallest J. The other results are valid only if it is positive.
+        Smallest J; the other results are valid only if it is positive.
     """
     n_local, n_points = elements.shape[1], weights.shape[1]
     coupled = modes.shape[1] if coupling.size > 0 else 0

@@ -65,7 +65,7 @@ class PathEffort:
     iterations : int
         Steps of Newton's method at one load.
     halvings : int
-        How many times the smallest load step may be halved.
+        Maximum number of times the shortest load step is halved.
     total : int
         Maximum factorizations per path.
     seconds : float

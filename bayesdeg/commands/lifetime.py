@@ -21,7 +21,6 @@ from bayesdeg.commands.answers import (
 from bayesdeg.commands.options import Asking, Service
 from bayesdeg.console import output, shown
 from bayesdeg.pages.wording import chance, interval, number, percent
-from bayesdeg.pipeline.output import output_file
 from bayesdeg.pipeline.stored import soil_of
 from bayesdeg.prediction import lifetime as lives
 from bayesdeg.prediction.posterior import Posterior
@@ -65,9 +64,7 @@ def lifetime(
             )
     refuse_risk(risk)
     times, conditions = _times(hours), service.conditions()
-    if asking.out is not None:
-        output_file(asking.out)
-    soil, stored = soil_of(report), posterior_asked(report, asking)
+    stored, soil = posterior_asked(report, asking), soil_of(report)
     with shown(asking.quiet or asking.as_json) as progress:
         found = lives.lifetime(
             *(stored, soil, lives.Duty(pressure, curvature, risk)),

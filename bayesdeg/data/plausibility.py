@@ -1510,7 +1510,7 @@ OF_CONDITIONS = (
     _Check(
         "absolute",
         *(_ACTUATORS, "pressure_kPa", _absolute),
-        "is the smallest pressure, at which the actuators are still straight; likely the absolute "
+        "is the lowest pressure, yet the actuators are still straight there; likely the absolute "
         "instead of the gauge pressure",
         "subtract the ambient pressure, about 101 kPa",
     ),

@@ -42,7 +42,7 @@ class Updated:
         Weighted draws.
     method : Method
         Weights of the earlier draws; an importance sample of a law that was fitted to them; or one
-        about a mode that was searched anew.
+        about a mode that was found again.
     weights : Evidence
         The weights of the earlier draws, with the check that decided.
     """

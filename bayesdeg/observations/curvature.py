@@ -812,7 +812,7 @@ class Curvature(PathReadings[ActuatorCurves]):
 
     @override
     def simulate(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        readings = state.anew(draw_readings, self.tests, generator).readings.copy()
+        readings = state.recomputed(draw_readings, self.tests, generator).readings.copy()
         readings[self.range_excess(state).max(axis=1) > FARTHEST] = np.nan
         return readings[:, self.tests.paths.mask]
 

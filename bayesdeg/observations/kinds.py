@@ -153,7 +153,7 @@ class State[W]:
         found: T = self._known[key][1]
         return found
 
-    def anew[T, *About](self, work: Callable[["State[W]", *About], T], *about: *About) -> T:
+    def recomputed[T, *About](self, work: Callable[["State[W]", *About], T], *about: *About) -> T:
         """Recompute ``work`` and cache it for `once`, as for draws that others reuse."""
         self._known.pop((work, *map(id, about)), None)
         return self.once(work, *about)

@@ -187,8 +187,8 @@ def _line_numbers(table: pd.DataFrame) -> pd.Series:
     conditions = table[list(of_actuators({}))]
     before = conditions.shift()
     changed = (conditions != before) & ~(conditions.isna() & before.isna())
-    anew = changed.any(axis=1) | (table["point"] <= table["point"].shift())
-    return anew.cumsum()
+    begins = changed.any(axis=1) | (table["point"] <= table["point"].shift())
+    return begins.cumsum()
 
 
 def _points(line: pd.DataFrame) -> Floats:

@@ -80,7 +80,7 @@ from bayesdeg.quantities import EFFORTS as KNOWN_EFFORTS
 
 Floats = NDArray[np.float64]
 
-ANEW = (
+RECOMPUTED = (
     *(columns.CONSTANTS, columns.PARAMETERS, columns.TENSILE, columns.ELONGATION),
     *(columns.BANDS, columns.RUPTURE, columns.OBSERVATIONS, columns.LEVELS, columns.DECISIONS),
     *(columns.FITTED, columns.LIFETIME, columns.SHARES, columns.CRITERIA),
@@ -91,7 +91,7 @@ All others are kept from the run: those of the verdict and of checks, which an u
 repeat, and those of films, which actuator readings do not change.
 """
 
-STAGES_ANEW = (
+REPEATED_STAGES = (
     *(OptionalStage.COMPARISONS, OptionalStage.IN_DOUBT),
     *(OptionalStage.READINGS, OptionalStage.REFUSED),
 )
@@ -601,7 +601,7 @@ def _write(
         strict.posterior(name, fit, generator, kept=some)
     soil = known_soil_of(of.folder.path)
     sources = TableSources(after, results, generator, guard, soil)
-    for name in ANEW:
+    for name in RECOMPUTED:
         files.table(name, partial(BUILDS[name], sources))
     # the course of degradation is unchanged
     old, new = (one.read_table(columns.PARAMETERS) for one in (of.folder, folder))
@@ -615,7 +615,7 @@ def _write(
 
 def _as_before(path: Path) -> list[Path]:
     """Return the files of a run that an update does not change."""
-    tables = [t.file for name, t in columns.TABLES.items() if name not in ANEW]
+    tables = [t.file for name, t in columns.TABLES.items() if name not in RECOMPUTED]
     names = (*tables, f"{POSTERIOR_COURSE}.nc", "deformed.npz", EMULATOR)
     pictures = sorted(path.glob("actuator_*pct.vtu"))
     return [*(path / name for name in names if (path / name).is_file()), *pictures]
@@ -668,8 +668,8 @@ def _finish(
     compared = guard.attempt(OptionalStage.COMPARISONS, compare) or ()
     emulator = emulator_entry(results, guard)
     # failed stages of the run that an update does not repeat
-    anew = {*(table_stage(name) for name in ANEW), *STAGES_ANEW}
-    lost = (*(one for one in of.verdict.left_out if one.stage not in anew), *guard.entries())
+    repeated = {*(table_stage(name) for name in RECOMPUTED), *REPEATED_STAGES}
+    lost = (*(one for one in of.verdict.left_out if one.stage not in repeated), *guard.entries())
     convergence = {
         label: ConvergenceEntry(
             r_hat_max=None,

@@ -217,8 +217,9 @@ def constants(fit: Fit, label: str, generator: np.random.Generator) -> pd.DataFr
     """Return quantiles of the Yeoh constants and of Young's modulus against degradation."""
     grid = level_grid(fit.model)
     values = draw_values(fit.model, fit.chain, generator, 2000)
-    c1, c2, c3 = np.moveaxis(fit.model.world.constants(values, grid), -1, 0)
-    modulus = young_modulus(values, fit.model.world.constants(values, grid), fit.model.causes)
+    yeoh = fit.model.world.constants(values, grid)
+    c1, c2, c3 = np.moveaxis(yeoh, -1, 0)
+    modulus = young_modulus(values, yeoh, fit.model.causes)
     named = {"c1": c1, "c2": c2, "c3": c3, "young_modulus": modulus}
     frames = [
         pd.DataFrame(
@@ -274,13 +275,14 @@ def elongation(fit: Fit, generator: np.random.Generator) -> pd.DataFrame | None:
         {"kind": "band", "degradation_pct": grid, "value": np.nan}
         | {"q05": low, "q50": middle, "q95": high}
     )
-    if not fit.model.of_kind(Breaks):
+    breaks = fit.model.data_of(Breaks)
+    if not breaks.labels:
         return band
     measured = pd.DataFrame(
         {
             "kind": "measured",
-            "degradation_pct": fit.model.data_of(Breaks).table.degradation,
-            "value": fit.model.data_of(Breaks).table.elongation,
+            "degradation_pct": breaks.table.degradation,
+            "value": breaks.table.elongation,
         }
     )
     return pd.concat([band, measured.assign(q05=np.nan, q50=np.nan, q95=np.nan)])

@@ -65,7 +65,7 @@ def experience_of(entry: ModelEntry) -> Experience:
 
 def bursts_of(model: JointModel, study: Study | None) -> tuple[BurstEntry, ...]:
     """Return the burst actuators of a study, its own and published ones."""
-    recorded = () if not model.of_kind(Curvature) else _recorded(model.data_of(Curvature).tests)
+    recorded = (burst for one in model.of_kind(Curvature) for burst in _recorded(one.tests))
     return (*recorded, *(() if study is None else _published(study)))
 
 

@@ -14,7 +14,7 @@ from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.page import build_page
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.update import ANEW, default_target
+from bayesdeg.pipeline.update import RECOMPUTED, default_target
 from tests.inference.small_study import values_of
 from tests.pipeline.planted_offset import (
     OFFSET,
@@ -122,8 +122,8 @@ def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged
     assert set(record.update.posteriors) == {"final", "base"}
     assert new.read_verdict() == RunFolder(report).read_verdict()
     assert "not updated" in found.messages[-1]
-    written = {name for name in ANEW if new.read_table(name) is not None}
-    assert written == set(ANEW) - {"fitted", "lifetime"}
+    written = {name for name in RECOMPUTED if new.read_table(name) is not None}
+    assert written == set(RECOMPUTED) - {"fitted", "lifetime"}
     observed = new.read_table("observations")
     assert (observed["specimen_id"] == "n1").sum() == 2 * record.update.readings
     tree = new.read_posterior("posterior")

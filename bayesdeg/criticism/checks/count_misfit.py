@@ -232,8 +232,5 @@ def can_be_counted(model: JointModel) -> bool:
 
 def own_counts(model: JointModel) -> RuptureCounts | None:
     """Return the number of a study's own actuators that burst, by level; None without actuators."""
-    return (
-        None
-        if not model.of_kind(Curvature)
-        else RuptureCounts(counted_by_level(model.data_of(Curvature).tests))
-    )
+    found = (RuptureCounts(counted_by_level(one.tests)) for one in model.of_kind(Curvature))
+    return next(found, None)

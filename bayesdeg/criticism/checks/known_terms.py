@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
 from bayesdeg.observations.kinds import Places
@@ -489,18 +490,20 @@ def _tops(places: Places, readings: Floats) -> dict[str, float]:
     }
 
 
+def moduli_at(model: JointModel, vector: Floats, rates: Floats) -> Floats:
+    """Return Young's modulus of films at degradation rates [%] for one vector, (n,) [MPa]."""
+    values = model.table.named(vector[None])
+    moduli: Floats = young_modulus(values, model.world.constants(values, rates), model.causes)[0]
+    return moduli
+
+
 def _modulus(linear: Linear, places: Places) -> Floats | None:
     """Return 6 C1 at the degradation rate of each reading [MPa]; None if x is not a pressure."""
     model = linear.subject
     if places.family[0] != ACTUATOR or not isinstance(model.world, FilmsAndActuators):
         return None
     rates, place = np.unique(places.level, return_inverse=True)
-    moduli = young_modulus(
-        model.table.named(linear.mode[None]),
-        model.world.constants(model.table.named(linear.mode[None]), rates),
-        model.causes,
-    )[0]
-    return np.asarray(moduli[place])
+    return np.asarray(moduli_at(model, linear.mode, rates)[place])
 
 
 def _histories(places: Places) -> Labels | None:

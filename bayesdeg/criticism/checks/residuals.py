@@ -115,8 +115,9 @@ def level_table(
 def _level_row(
     label: str, model: JointModel, fit: CurvatureFit, rows: NDArray[np.bool_], published: float
 ) -> dict[str, object]:
-    mask = model.data_of(Curvature).tests.mask & rows[:, None]
-    measured, predicted = model.data_of(Curvature).tests.curvature[mask], fit.mean[mask]
+    data = model.data_of(Curvature).tests
+    mask = data.mask & rows[:, None]
+    measured, predicted = data.curvature[mask], fit.mean[mask]
     return {
         "degradation_pct": label,
         "n": int(mask.sum()),

@@ -27,13 +27,14 @@ from bayesdeg.criticism.checks.known_terms import (
     TIME,
     KnownColumns,
     KnownTerm,
+    moduli_at,
 )
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.criticism.fit.trials import CandidateFit, try_causes
 from bayesdeg.material.degradation import LEVEL_WIDTH, levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
-from bayesdeg.observations.specimens import FilmsAndActuators, young_modulus
+from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.priors import Normal, Parameter
 
 Floats = NDArray[np.float64]
@@ -160,11 +161,6 @@ def term_cause(linear: Linear, term: KnownTerm, size: float) -> Cause:
     model = linear.subject
     places = model.places
     rates = np.unique(places.level[places.family == ACTUATOR])
-    moduli = young_modulus(
-        model.table.named(linear.mode[None]),
-        model.world.constants(model.table.named(linear.mode[None]), rates),
-        model.causes,
-    )[0]
     law = Normal(0.0, WIDE * max(abs(size), 1e-12))
     return Cause(
         name=term.formula,
@@ -173,5 +169,5 @@ def term_cause(linear: Linear, term: KnownTerm, size: float) -> Cause:
         mechanism="a term in known quantities",
         typical={"size": size},
         revealed_by="what the model without it leaves",
-        on_reading=TermOnReading(term, rates, moduli),
+        on_reading=TermOnReading(term, rates, moduli_at(model, linear.mode, rates)),
     )

@@ -184,7 +184,7 @@ class VolumeTests:
     def simulated(self, model: JointModel, values: Named, generator: np.random.Generator) -> Floats:
         """Draw readings of new specimens."""
         state = model.tests(values)
-        shape = state.anew(draw_readings, self.bent.curves, generator).readings
+        shape = state.recomputed(draw_readings, self.bent.curves, generator).readings
         swept = self._placed(self.volumes.simulate(state, generator))
         return np.concatenate([shape, swept], axis=-1)
 

@@ -38,7 +38,7 @@ and up to three times as often where batches and warmth are looked at too."""
 SHARED = (0.5, 1.0, 2.0)
 """Tried standard deviations of the shared part, over the fitted scatter."""
 SMALLEST, STEPS = 0.05, 10
-"""Smallest within-level scatter that is tried, relative to the fitted one, and number of values."""
+"""Lowest within-level scatter tried, relative to the fitted one, and number of values tried."""
 FIRST = 0.25
 """Scatter over the fitted one at which three densities show whether more are worthwhile."""
 

@@ -234,7 +234,7 @@ def largest_k(draws: int) -> float:
 ROUND, ENOUGH = 1000, 80.0  # draws of a round of importance sampling, effective draws wanted
 FEWEST = 0.25  # share of the required effective draws below which a different method is tried
 # the last method: averaging a density over draws needs few
-ANEW = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
+RECALIBRATION = Effort(effective=60.0, r_hat=1.2, chunk=25, longest=200, ensembles=2)
 
 
 def recalibrated(
@@ -245,7 +245,7 @@ def recalibrated(
     start: Floats | None,
     whole: Evidence | None = None,
     enough: float = ENOUGH,
-    effort: Effort = ANEW,
+    effort: Effort = RECALIBRATION,
 ) -> Evidence:
     """Calibrate a model again without some groups.
 

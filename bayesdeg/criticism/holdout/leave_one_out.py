@@ -204,7 +204,7 @@ class LeaveOneOut:
     pareto_k : array, shape (n_specimens,)
         Shape of the tail of the importance weights; above ``threshold`` they cannot be relied on.
     refitted : array of bool, shape (n_specimens,)
-        Whether the model was calibrated anew without it.
+        Whether the model was recalibrated without it.
     threshold : float
         Largest acceptable ``pareto_k``.
     """

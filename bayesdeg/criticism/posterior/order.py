@@ -57,7 +57,7 @@ class OrderFit:
         Log predictive density of each film given the others, and the shape of the importance
         weights' tail.
     refitted : array of bool, shape (n_films,)
-        Where that was too heavy and the model was calibrated anew without the film.
+        Where that was too heavy and the model was recalibrated without the film.
     """
 
     order: int
