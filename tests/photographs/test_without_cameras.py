@@ -55,17 +55,18 @@ def test_a_study_is_checked():
 
 
 @pytest.mark.parametrize(
-    ("table", "missing"),
-    [("photos.csv", "cv2"), ("photos.csv", "PIL"), ("photos.csv", "roifile"),
-     ("captures.csv", "ezc3d"), ("photos.csv", "bayesdeg_camera")],
+    ("table", "missing", "extra"),
+    [("photos.csv", "cv2", "camera"), ("photos.csv", "PIL", "camera"),
+     ("photos.csv", "roifile", "camera"), ("captures.csv", "ezc3d", "motion"),
+     ("photos.csv", "bayesdeg_camera", "camera")],
 )  # fmt: skip
-def test_a_study_that_needs_cameras_says_so_in_one_line(tmp_path, table, missing):
+def test_a_study_that_needs_cameras_says_so_in_one_line(tmp_path, table, missing, extra):
     (tmp_path / table).write_text(TABLES[table], encoding="utf-8")
     (tmp_path / "study.toml").write_text("seed = 1\n", encoding="utf-8")
     line = said("check", tmp_path, libraries=(missing,))
     assert line.startswith(f"{table}: ")
     assert missing in line
-    assert line.endswith("pip install 'bayesdeg[camera]'")
+    assert line.endswith(f"pip install 'bayesdeg[{extra}]'")
 
 
 def test_the_command_says_so_too(tmp_path):
