@@ -33,7 +33,6 @@ from bayesdeg.errors import BayesdegError, Stopped, use_one_of
 from bayesdeg.inference.sampling import EFFORTS as SAMPLING_EFFORTS
 from bayesdeg.pages.checkpoints import NoCheckpoints
 from bayesdeg.pages.headline import forward_map_words
-from bayesdeg.pages.tables import ALL_LEVELS
 from bayesdeg.pipeline.calibrate import base_of
 from bayesdeg.pipeline.calibrate import calibrate as calibrate_model
 from bayesdeg.pipeline.judge import extended_model
@@ -58,10 +57,6 @@ from bayesdeg.training import STORE, TrainingOptions, emulator_for, refuse_cells
 
 Floats = NDArray[np.float64]
 Causes = Literal["all"] | str | Iterable[Cause | str]
-
-MOST_OF_ONE_LEVEL = 2  # rows per model: its one level, and all levels pooled
-SCORED_FIRST = ("model", "level", "elpd", "elpd_se", "elpd_diff", "elpd_diff_se", "rmse", "crps")
-SCORED_ELSE = ("rmse_per_m", "crps_per_m")
 
 
 def emulator(
@@ -322,24 +317,12 @@ def compare(
             )
         if any(not np.array_equal(t.subject.observed, subject.observed) for t in trials):
             raise BayesdegError("models that are compared must have the same readings")
-        number, of_actuators = _seed(seed, base.seed), base.model.is_of_actuators
-
-        def folds() -> np.random.SeedSequence:
-            """Return the seed with which a verdict holds out data."""
-            if of_actuators:
-                return Streams.of(number).verdict.spawn(3)[1]
-            return np.random.SeedSequence(number).spawn(2)[1]
-
-        plans = (one_by_one(trial, folds()) for trial in trials)
+        number, experiment = _seed(seed, base.seed), base.model.experiment
+        plans = (
+            one_by_one(trial, experiment.fold_seed(Streams.of(number).verdict)) for trial in trials
+        )
         found = run_folds(plans, executor, lambda _: show.advance(1))
-    gain = gain_table(subject, dict(zip(fits, found, strict=True)))
-    if of_actuators:
-        return gain
-    # in the unit of the readings; a single level is the same as all levels
-    several = gain["degradation_pct"].nunique() > MOST_OF_ONE_LEVEL
-    rows = gain if several else gain[gain["degradation_pct"] == ALL_LEVELS]
-    plain = rows.rename(columns={"degradation_pct": "level"}).reset_index(drop=True)
-    return plain[[*SCORED_FIRST, *(n for n in plain if n not in (*SCORED_FIRST, *SCORED_ELSE))]]
+    return experiment.gain(gain_table(subject, dict(zip(fits, found, strict=True))))
 
 
 def predict(
@@ -393,7 +376,7 @@ def predict(
     """
     number, others = _seed(seed, _calibration(fit).seed), (pressure, degradation, hours)
     with _work(progress, 1, parallel=False) as (show, _):
-        if not fit.model.is_of_actuators:
+        if not fit.model.experiment.is_of_actuators:
             if x is None or any(one is not None for one in others):
                 raise BayesdegError("a model with its own forward map requires x=...")
             show.stage("predicting")
@@ -474,7 +457,7 @@ def control(
     """
     number = _seed(seed, _calibration(fit).seed)
     _refuse_risk(max_risk)
-    if not fit.model.is_of_actuators:
+    if not fit.model.experiment.is_of_actuators:
         others = (curvature, degradation, hours)
         if reading is None or x is None or any(one is not None for one in others):
             raise BayesdegError(
@@ -548,7 +531,7 @@ def lifetime(
     BayesdegError
         If a value is out of range, or the study has no course of degradation.
     """
-    if not _calibration(fit).model.is_of_actuators:
+    if not _calibration(fit).model.experiment.is_of_actuators:
         raise BayesdegError("a model with its own forward map has no lifetime in the soil")
     _refuse_risk(max_risk)
     above = np.nextafter(0.0, 1.0)

@@ -14,31 +14,27 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
-from bayesdeg.actuator.reading import mechanics_of
-from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.findings import Candidate
-from bayesdeg.data.plausibility import doubts, refuse_impossible
 from bayesdeg.data.settings import Settings
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, use_one_of
 from bayesdeg.inference.model import JointModel
-from bayesdeg.inference.own_map import Forward, Readings, UserMap, probe
+from bayesdeg.inference.own_map import Forward, Readings, UserMap
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pages.folder import POSTERIOR, RunFolder
 from bayesdeg.pages.headline import size_of
 from bayesdeg.pages.left_out import Guard
-from bayesdeg.pages.record import TakenInEntry, VerdictRecord
+from bayesdeg.pages.record import ModelEntry, TakenInEntry, VerdictRecord
 from bayesdeg.pages.wording import SPACE, sentences, worded
 from bayesdeg.pipeline import writing
-from bayesdeg.pipeline.assemble import Assembly, assemble, assemble_own
+from bayesdeg.pipeline.assemble import Assembly, assemble_own
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.experiment import Experiment, experiment_in, experiment_of
 from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.judge import Judgement
-from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.record import Results
 from bayesdeg.pipeline.run import (
@@ -50,18 +46,13 @@ from bayesdeg.pipeline.run import (
     with_average,
     with_options,
 )
-from bayesdeg.pipeline.run_record import model_of
-from bayesdeg.pipeline.stored import NO_COURSE, bends_actuators
-from bayesdeg.pipeline.suspects import assemble_screened
+from bayesdeg.pipeline.stored import NO_COURSE
 from bayesdeg.pipeline.update import UpdatedRun
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Parameter
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
-from bayesdeg.surrogate.kept import refuse_whole_range
-from bayesdeg.surrogate.surrogate import Surrogate
-from bayesdeg.surrogate.trained import find as find_emulator
 
 SHOWN = 5  # candidates in a printed verdict
 MOVED = 8  # parameters in a printed update
@@ -148,7 +139,8 @@ class Model:
                 "of study.toml, and give causes to criticise(fit, causes=[...])"
             )
         else:
-            assembly = _assembled(self.data, cast(ForwardMap | None, self.forward))
+            found = cast(ForwardMap | None, self.forward)
+            assembly = experiment_in(self.data).assembled(self.data, found)
         object.__setattr__(self, "assembly", assembly)
         stated = self.causes
         object.__setattr__(self, "causes", ())
@@ -157,8 +149,8 @@ class Model:
     def _activate(self, causes: Iterable[Cause]) -> None:
         """Set the active causes; a user's forward map is tried with them."""
         object.__setattr__(self, "causes", tuple(causes))
-        if self.causes and not self.is_of_actuators:
-            probe(self.density)
+        if self.causes:
+            self.experiment.try_out(self.density)
 
     @property
     def active(self) -> tuple[Cause, ...]:
@@ -166,9 +158,9 @@ class Model:
         return cast(tuple[Cause, ...], self.causes)
 
     @property
-    def is_of_actuators(self) -> bool:
-        """Whether it is of films and actuators, not of a user's own forward map."""
-        return self.assembly.is_of_actuators
+    def experiment(self) -> Experiment:
+        """What it is of: films and actuators, or readings and a forward map of the user's."""
+        return experiment_of(self.assembly.model)
 
     @property
     def density(self) -> JointModel:
@@ -206,11 +198,8 @@ class Model:
 
     def is_parallel_with(self, assembly: Assembly) -> bool:
         """Whether they can judge it with these candidates."""
-        if not assembly.is_of_actuators:
-            return False
-        forward = mechanics_of(assembly.model.world.forward)
         tried = (*self.active, *assembly.candidates)
-        return isinstance(forward, Surrogate) and all(map(_is_ours, tried))
+        return self.experiment.is_parallel(assembly.model, tried)
 
     def cause(self, given: Cause | str) -> Cause:
         """Return a cause by name, with the priors of the study, or a given cause unchanged.
@@ -222,11 +211,11 @@ class Model:
         """
         if isinstance(given, Cause):
             return given
-        known = {**CATALOGUE} if self.is_of_actuators else {}
-        known |= {one.name: one for one in (*self.assembly.causes, *self.active)}
+        catalogue = self.experiment.catalogue
+        known = {**catalogue} | {c.name: c for c in (*self.assembly.causes, *self.active)}
         if given not in known:
             remedy = use_one_of(given, known) if known else "give the bayesdeg.Cause itself"
-            whose = "" if self.is_of_actuators else " of this model"
+            whose = "" if catalogue else " of this model"
             raise BayesdegError(f"there is no cause {given!r}{whose}; {remedy}")
         return known[given]
 
@@ -287,7 +276,7 @@ class Model:
         known = self.assembly
         listed: Iterable[Cause | str] = [causes] if isinstance(causes, str) else causes
         wanted = known.candidates if causes == "all" else [self.cause(one) for one in listed]
-        if not wanted and not self.is_of_actuators:
+        if not wanted and not self.experiment.catalogue:
             raise BayesdegError(
                 "a model with its own forward map has no candidate causes; give "
                 "criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
@@ -310,31 +299,6 @@ class Model:
         names = ", ".join(p.name for p in self.density.table.parameters)
         active = f" with {self.name.removeprefix('base+')}" if self.causes else ""
         return f"Model of {self.title}{active}: {names}"
-
-
-def _is_ours(cause: Cause) -> bool:
-    """Return whether a cause is from the catalogue, whatever its priors."""
-    known = CATALOGUE.get(cause.name)
-    return known is not None and replace(cause, parameters=known.parameters) == known
-
-
-def _assembled(study: Study, forward: ForwardMap | None) -> Assembly:
-    """Check a study for impossible data, find its emulator, and build its base model."""
-    if study.settings.forward is not None:
-        return assemble(study)
-    plan = outline(study, emulated=forward is None or isinstance(forward, Surrogate))
-    refuse_impossible(doubts(study, plan.expected))
-    if forward is None and plan.needs_forward:
-        geometry = geometry_of_study(study.settings)
-        refuse_whole_range(geometry)
-        found = find_emulator(geometry)
-        if found.surrogate is None:
-            raise BayesdegError(
-                f"{found.reason}; use Model(study, bayesdeg.emulator(study)), which finds the "
-                "emulator that `bayesdeg run` trained here, or trains one"
-            )
-        forward = found.surrogate
-    return assemble_screened(study, forward)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -383,16 +347,11 @@ class Calibration:
             If the study has no actuator readings.
         """
         fit, model = self.fit, self.model
-        if not model.is_of_actuators:
-            return Posterior(fit.model, self._kept)
-        if not bends_actuators(fit.model.table.names):
-            raise BayesdegError(
-                f"{model.assembly.study.name} has no actuator readings, so its posterior cannot "
-                "predict actuators; add actuator.csv to the study"
-            )
-        final = Results(model.assembly, fit, fit, of_final(model.judgement, fit))
+        experiment, assembly = model.experiment, model.assembly
+        experiment.refuse_prediction(fit.model, assembly.study)
+        final = Results(assembly, fit, fit, of_final(model.judgement, fit))
         averaged = with_average(final, Streams.of(self.seed).averaged, Guard(strict=True)).averaged
-        tested = model_of(model.assembly.model, fit.model, model.assembly.study)
+        tested = experiment.tested(assembly.model, fit.model, assembly.study) or ModelEntry()
         return replace(averaged or Posterior(fit.model, self._kept), tested=tested)
 
     def soil(self, progress: Progress) -> Soil:

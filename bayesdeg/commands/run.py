@@ -13,17 +13,15 @@ from bayesdeg.actuator.status import Backend
 from bayesdeg.console import errors, output, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
-from bayesdeg.data.plausibility import Doubt, doubts, names_alike, refuse_impossible
 from bayesdeg.data.settings import Settings
-from bayesdeg.data.study import Study
 from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pages.folder import LEFT_OUT, RunFolder
-from bayesdeg.pages.headline import doubts_of, forward_map_words, sets_of
+from bayesdeg.pages.headline import doubts_of, sets_of
 from bayesdeg.pages.left_out import Guard
 from bayesdeg.pages.record import VerdictRecord
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.deformed import compile_beside
-from bayesdeg.pipeline.outline import outline, passed_over
+from bayesdeg.pipeline.experiment import experiment_in
+from bayesdeg.pipeline.outline import passed_over
 from bayesdeg.pipeline.output import CHECKPOINTS, run_folder
 from bayesdeg.pipeline.reading import read_study
 from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
@@ -50,7 +48,9 @@ def run(
     """Do what `interface.run` says."""
     with shown(quiet) as progress:
         checked = with_options(read_study(study, progress), effort, seed)
-    unlikely, own = _doubts(checked, backend), checked.settings.forward is not None
+    refuse_cells(checked.settings, backend)
+    experiment = experiment_in(checked)
+    own, unlikely = not experiment.is_of_actuators, experiment.doubts(checked)
     target, guard = out or Path("reports") / checked.name, Guard()
     # other processes do not know the functions of a study folder
     workers, scheduler = (1, None) if own else (workers, scheduler)
@@ -80,16 +80,6 @@ def run(
         _say_left_out(guard, target)
     if as_json:
         sys.stdout.write(json.dumps(RunFolder(target).read_json("verdict"), indent=2) + "\n")
-
-
-def _doubts(study: Study, backend: Backend) -> tuple[Doubt | str, ...]:
-    """Return doubts about the data; refuse impossible data before a folder is made."""
-    if study.settings.forward is not None:
-        answers = assemble(study).answers
-        said = () if answers is None else forward_map_words(answers)
-        return (*names_alike(study), *said)
-    refuse_cells(study.settings, backend)
-    return refuse_impossible(doubts(study, outline(study).expected))
 
 
 def _notices(document: VerdictRecord) -> Iterator[str]:

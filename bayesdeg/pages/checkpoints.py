@@ -49,8 +49,8 @@ class ChainPieces:
             arrays = load_arrays(path)
             fingerprint, follows, whole = (str(arrays.pop(name)) for name in LABELS)
             if whole == digest(arrays):
-                is_own = (fingerprint, follows) == (self.fingerprint, key)
-                return Piece.from_arrays(arrays) if is_own else None
+                is_current = (fingerprint, follows) == (self.fingerprint, key)
+                return Piece.from_arrays(arrays) if is_current else None
         except OF_DAMAGED_ARCHIVES:
             pass
         self.damaged.append(path)

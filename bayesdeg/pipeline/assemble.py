@@ -102,11 +102,6 @@ class Assembly:
     whole: Study = NO_STUDY
     beyond: tuple[Exclusion, ...] = ()
 
-    @property
-    def is_of_actuators(self) -> bool:
-        """Whether it is of films and actuators, not of a user's own forward map."""
-        return isinstance(self.model.world, FilmsAndActuators)
-
     @cached_property
     def answers(self) -> ForwardMapEntry | None:
         """Where the user's forward map fails, and its noise; evaluated once."""

@@ -35,19 +35,17 @@ from bayesdeg.pages.record import InDoubt, VerdictRecord
 from bayesdeg.pipeline.aside import set_aside
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.averaged import averaged
-from bayesdeg.pipeline.calibrate import Fit, awake, base_of, base_without_chain, calibrate
+from bayesdeg.pipeline.calibrate import Fit, awake, base_without_chain, calibrate
 from bayesdeg.pipeline.checks import check
 from bayesdeg.pipeline.deformed import begin
-from bayesdeg.pipeline.films import begin_examination
+from bayesdeg.pipeline.experiment import experiment_in, experiment_of
 from bayesdeg.pipeline.judge import (
     COUNT_DRAWS,
     JUDGE_EFFORTS,
-    OWN_EFFORTS,
     Judgement,
     count_misfits,
     extended_model,
     judge,
-    judge_model,
     with_sampled_sizes,
 )
 from bayesdeg.pipeline.reach import assemble_within_reach
@@ -59,7 +57,7 @@ from bayesdeg.pipeline.writing import Files, write_posteriors, write_results
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
 from bayesdeg.surrogate.surrogate import Surrogate
-from bayesdeg.surrogate.trained import default_surrogate, to_bytes
+from bayesdeg.surrogate.trained import to_bytes
 from bayesdeg.surrogate.workers import WorkerProcesses
 
 Calibrate = Callable[..., Fit]
@@ -321,10 +319,10 @@ def conclude(
         # solved in the background, since it takes long
         geometry = geometry_of_study(study.settings)
         pictures = guard.attempt(OptionalStage.DEFORMED, begin, final, geometry, executor)
-    if full and results.assembly.is_of_actuators:
-        effort = EFFORTS[study.settings.sampling.effort]
-        work = partial(begin_examination, effort=effort, seed=seeds.films, executor=executor)
-        examined = guard.attempt(OptionalStage.ORDERS, work, study, results.base.model)
+    if full:
+        begun = experiment_of(results.base.model).begin_films
+        films = (study, results.base.model, seeds.films, executor)
+        examined = guard.attempt(OptionalStage.ORDERS, begun, *films)
     progress.stage("posteriors")
     write_posteriors(study, files, results, generator)
     forward = emulated(results)
@@ -423,7 +421,7 @@ def say_left_out(folder: RunFolder, document: VerdictRecord, guard: Guard) -> Ve
 def judged_fit(
     assembly: Assembly,
     base: Fit,
-    effort: str,
+    effort: Effort,
     seed: np.random.SeedSequence,
     *,
     progress: Progress,
@@ -435,30 +433,15 @@ def judged_fit(
     Linear algebra uses one thread, so that results are the same bits on every machine.
     """
     with threadpool_limits(limits=1):
-        if not assembly.is_of_actuators:
-            return judge_model(
-                assembly.model,
-                assembly.candidates,
-                seed=int(str(seed.entropy)),  # of the study
-                effort=OWN_EFFORTS[effort],
-                progress=progress,
-                guard=guard,
-            )
-        return judge(
-            assembly,
-            base_of(base),
-            effort=JUDGE_EFFORTS[effort],
-            seed=seed,
-            progress=progress,
-            executor=executor,
-            guard=guard,
+        return experiment_of(assembly.model).judge(
+            *(assembly, base, effort, seed), progress=progress, executor=executor, guard=guard
         )
 
 
 def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
     """Return a hash of all inputs of a run."""
     settings = study.settings
-    emulator = b"" if settings.forward else to_bytes(forward or default_surrogate())
+    emulator = experiment_in(study).surrogate_bytes(forward)
     content = json.dumps(
         [
             bayesdeg.__version__,

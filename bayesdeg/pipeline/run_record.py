@@ -4,7 +4,6 @@ import json
 import multiprocessing
 import platform
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,16 +14,13 @@ from numpy.typing import NDArray
 
 import bayesdeg
 from bayesdeg.actuator.reading import mechanics_of
-from bayesdeg.criticism.checks.count_misfit import CountMisfit, can_be_counted
+from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.data.settings import Known
 from bayesdeg.data.study import Study
 from bayesdeg.inference.model import JointModel, Refusals, share_outside
-from bayesdeg.inference.own_map import UserMap, user_map
 from bayesdeg.observations.breaks import Breaks
-from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.means import MPA, Means
-from bayesdeg.observations.published import RSquared
 from bayesdeg.observations.specimens import (
     FilmsAndActuators,
     has_elongation,
@@ -34,21 +30,18 @@ from bayesdeg.observations.specimens import (
 )
 from bayesdeg.pages.left_out import Guard, OptionalStage
 from bayesdeg.pages.record import (
-    BasisEntry,
     ComparisonEntry,
     ConvergenceEntry,
     EmulatorEntry,
     InDoubt,
     MissingEntry,
-    ModelEntry,
     RunRecord,
     StatisticEntry,
 )
 from bayesdeg.pages.wording import NOTHING, sentences, worded
 from bayesdeg.pipeline.calibrate import Fit, refused_inputs
+from bayesdeg.pipeline.experiment import experiment_of
 from bayesdeg.pipeline.record import Results
-from bayesdeg.pipeline.stored import model_document
-from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
@@ -101,103 +94,6 @@ def _interval(draws: NDArray[np.float64]) -> str:
     return f"{middle:.3g} ({low:.3g} to {high:.3g})"
 
 
-@dataclass(frozen=True)
-class Basis:
-    """A file that statements of the report rest on.
-
-    Parameters
-    ----------
-    file : str
-        Its name.
-    supports : str
-        The statements; empty of published statistics.
-    count : int, optional
-        Its specimens or films; None of published statistics.
-    counts : str
-        What is counted.
-    virtual : bool
-        Whether they are of a virtual experiment.
-    quantities : tuple of str
-        Published ones.
-    use : str
-        One of `USES`: whether the model is fitted to them, held against them, or they are shown.
-    """
-
-    file: str
-    supports: str = ""
-    count: int | None = None
-    counts: str = ""
-    virtual: bool = False
-    quantities: tuple[str, ...] = ()
-    use: str = "fitted"
-
-
-def bases(study: Study, model: JointModel) -> Iterator[Basis]:
-    """Yield the files behind the statements of the report."""
-    virtual = study.settings.virtual
-    for name, table in TABLES.items():
-        frame = study.given(name)
-        if frame is not None and table.supports:
-            count = int(frame[next(iter(table.columns))].nunique())
-            said = table.supports_in(degrades=study.degrades)
-            yield Basis(table.file, said, count, table.counts, virtual)
-    if study.summary is not None:
-        used = {
-            s.quantity
-            for s in model.data_of(Means).statistics
-            if not s.source.startswith("shrinkage.csv")
-        }
-        used |= set() if not model.of_kind(RSquared) else {"r_squared"}
-        held = {"ruptured_count", "tested_count"} - used if can_be_counted(model) else set()
-        named = {str(quantity) for quantity in study.summary["quantity"]}
-        parts = (named & used, named & held, named - used - held)
-        for use, quantities in zip(USES, parts, strict=True):
-            if quantities:
-                yield Basis("summary.csv", quantities=tuple(sorted(quantities)), use=use)
-
-
-USES = ("fitted", "held against the model", "shown")
-
-
-def rests_on(study: Study, model: JointModel) -> list[BasisEntry]:
-    """Return the statements of the report with the data behind them."""
-    return [
-        BasisEntry(
-            statement=sentences("run", "statement", one=one),
-            rests_on=sentences("run", "basis", one=one),
-        )
-        for one in bases(study, model)
-    ] + [
-        BasisEntry(
-            statement=sentences("run", "dimension", one=one),
-            rests_on=sentences("run", "dimension_basis", one=one),
-        )
-        for one in study.settings.uncertain
-        if one.parameter.name in model.table.names
-    ]
-
-
-def _rests_on_own(study: Study, own: UserMap) -> list[BasisEntry]:
-    """Return the data behind the statements on a user's forward map."""
-    given = "readings.csv" if study.settings.forward is not None else "readings given in Python"
-    origin = "virtual experiment" if study.settings.virtual else "measured"
-    counts = [len(np.unique(block.places.specimen)) for block in own.readings]
-    read = ", ".join(
-        f"{len(block.y)} of {block.name} on {count} specimens"
-        for block, count in zip(own.readings, counts, strict=True)
-    )
-    return [
-        BasisEntry(statement="verdict, gain, posterior", rests_on=f"{given}: {read} ({origin})"),
-        BasisEntry(statement="what is predicted", rests_on=own.source),
-    ]
-
-
-def model_of(base: JointModel, final: JointModel, study: Study) -> ModelEntry:
-    """Return the model entry for predictions; counts that the final model fits are checks too."""
-    tested = specimens_tested(final) or None
-    return model_document(base, study).model_copy(update={"rupture_checks": tested})
-
-
 # share of refused proposals above which the posterior may be truncated
 WORRYING = 0.01
 LOOKED_AT = 1000  # posterior draws
@@ -222,15 +118,13 @@ def run_document(
     """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
     settings, judgement = study.settings, results.judgement
     guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
-    own = user_map(results.base.model)
+    base, experiment = results.base.model, experiment_of(results.base.model)
     expected = results.counts_expected
     compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, expected)
-    degrades = own is not None or study.degrades
-    model: ModelEntry | None = None
-    if own is None:
-        members = () if results.averaged is None else results.averaged.members
-        found = model_of(results.base.model, results.final.model, study)
-        model = found.model_copy(update={"averaged": members})
+    degrades = experiment.degrades(study)
+    model = experiment.tested(base, results.final.model, study)
+    if model is not None and results.averaged is not None:
+        model = model.model_copy(update={"averaged": results.averaged.members})
     return RunRecord(
         title=settings.title or study.name,
         study=study.name,
@@ -247,7 +141,7 @@ def run_document(
         memory=peaks_of_memory(),
         counts=draw_counts(results) | _proposal_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
-        rests_on=tuple(_rests_on_own(study, own) if own else rests_on(study, results.base.model)),
+        rests_on=experiment.basis(study, base),
         convergence={
             label: ConvergenceEntry(
                 r_hat_max=max(fit.diagnosis.r_hat),
@@ -259,7 +153,7 @@ def run_document(
         },
         emulator=emulator_entry(results, guard),
         model=model,
-        forward=own.source if own else "",
+        forward=experiment.source(base),
         forward_map=doubted.forward_map,
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,
@@ -470,7 +364,7 @@ def vendor_check(study: Study, model: JointModel, vectors: Floats) -> VendorChec
     vectors : array, shape (n, n_parameters)
         Draws of its posterior, unconstrained.
     """
-    if study.settings.forward is not None:
+    if not isinstance(model.world, FilmsAndActuators):
         return None
     vendor, found = study.settings.vendor, list[VendorFigure]()
     values = model.table.named(vectors)

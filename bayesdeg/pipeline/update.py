@@ -52,6 +52,7 @@ from bayesdeg.pages.wording import sentences
 from bayesdeg.pipeline.aside import readings_at
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
+from bayesdeg.pipeline.experiment import experiment_of
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.output import update_folder
 from bayesdeg.pipeline.reach import readings_beyond
@@ -62,9 +63,7 @@ from bayesdeg.pipeline.run_record import (
     draw_counts,
     emulator_entry,
     library_versions,
-    model_of,
     peaks_of_memory,
-    rests_on,
 )
 from bayesdeg.pipeline.stored import (
     emulator_of,
@@ -661,6 +660,8 @@ def _finish(
     begun: float,
 ) -> None:
     """Write the rows, the unchanged verdict and, last, the run record."""
+    base = results.base.model
+    experiment = experiment_of(base)
     found, entry, unlikely = what
     write_bytes(folder.path / ADDED, found.added)
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, results, unlikely) or InDoubt()
@@ -690,10 +691,10 @@ def _finish(
         "emulator": emulator,
         "seconds": {**of.run.seconds, "update": round(time.perf_counter() - begun, 2)},
         "memory": {**of.run.memory, **peaks_of_memory("update")},
-        "rests_on": tuple(rests_on(after, results.base.model)),
+        "rests_on": experiment.basis(after, base),
         "comparisons": tuple(compared),
         "convergence": {**of.run.convergence, **convergence},
-        "model": model_of(results.base.model, results.final.model, after),
+        "model": experiment.tested(base, results.final.model, after),
         "posteriors": folder.posterior_hashes(),
         "left_out": lost,
         "update": entry,

@@ -62,16 +62,16 @@ from bayesdeg.pages.folder import (
     RunFolder,
 )
 from bayesdeg.pages.left_out import Guard, OptionalStage, posterior_stage, table_stage
-from bayesdeg.pages.record import VerdictRecord
+from bayesdeg.pages.record import ModelEntry, VerdictRecord
 from bayesdeg.pages.wording import sentences, worded
 from bayesdeg.pipeline.aside import is_set_aside
 from bayesdeg.pipeline.assemble import level_grid
 from bayesdeg.pipeline.averaged import stored_form
 from bayesdeg.pipeline.calibrate import Fit, Sampled
 from bayesdeg.pipeline.deformed import Begun, write_deformed
+from bayesdeg.pipeline.experiment import experiment_of
 from bayesdeg.pipeline.judge import Judgement
 from bayesdeg.pipeline.record import Results, suspects_of, verdict_of
-from bayesdeg.pipeline.run_record import model_of
 from bayesdeg.pipeline.stored import model_document
 from bayesdeg.prediction.control import INTERVAL, largest_allowed, needed_by
 from bayesdeg.prediction.experience import experience_of
@@ -513,7 +513,8 @@ def life(found: "TableSources") -> pd.DataFrame | None:
     fit = found.results.final
     if not found.has_actuators or found.soil is None:
         return None
-    tested = model_of(found.results.base.model, fit.model, found.study)
+    base = found.results.base.model
+    tested = experiment_of(base).tested(base, fit.model, found.study) or ModelEntry()
     posterior = Posterior(fit.model, fit.chain, tested)
     pressure = DUTY_SHARE * fit.model.world.largest_pressure
     specimens = draw_specimens(fit.model, fit.chain, found.generator, draws=LIFE_DRAWS)
@@ -639,7 +640,12 @@ def write_results(
         files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
     if results.averaged is not None:
         files.tree(POSTERIOR_AVERAGED, partial(stored_form, results.averaged))
-    frames = {name: files.table(name, partial(build, found)) for name, build in BUILDS.items()}
+    without = experiment_of(results.base.model).without
+    frames = {
+        name: files.table(name, partial(build, found))
+        for name, build in BUILDS.items()
+        if name not in without
+    }
     if found.has_actuators and deformed:
         geometry = geometry_of_study(study.settings)
         draw = partial(write_deformed, begun=pictures)
@@ -1044,11 +1050,7 @@ def write_pictures(folder: RunFolder, study: Study) -> None:
 #: Functions that build each table, in the order in which they draw random numbers; None if there is
 #: nothing to tell. Those of checks and films are theirs.
 BUILDS: Mapping[str, Build] = {
-    columns.CONSTANTS: lambda found: (
-        _by_fit(lambda of, fit, label: constants(fit, label, of.generator), found)
-        if found.results.assembly.is_of_actuators
-        else None
-    ),
+    columns.CONSTANTS: partial(_by_fit, lambda of, fit, label: constants(fit, label, of.generator)),
     columns.PARAMETERS: lambda found: _joined(
         [parameters(fit, label) for label, fit in found.results.sampled.items()]
     ),
@@ -1058,9 +1060,7 @@ BUILDS: Mapping[str, Build] = {
         else _by_fit(lambda of, fit, label: tensile(of.study, fit, label, of.generator), found)
     ),
     columns.ELONGATION: lambda found: elongation(found.results.final, found.generator),
-    columns.MEASURED: lambda found: (
-        measured(found.study) if found.results.assembly.is_of_actuators else None
-    ),
+    columns.MEASURED: lambda found: measured(found.study),
     columns.BANDS: lambda found: _on_grid(found, curvature_bands),
     columns.RUPTURE: _rupture_table,
     columns.OBSERVATIONS: _observations_table,

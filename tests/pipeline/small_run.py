@@ -14,7 +14,7 @@ from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.output import run_folder
-from bayesdeg.pipeline.run_record import model_of
+from bayesdeg.pipeline.experiment import Experiment
 from bayesdeg.surrogate.trained import write_trained
 from tests.pipeline.planted_offset import emulator
 
@@ -65,7 +65,7 @@ def write_run(path, study, *, causes=("pressure_offset",), course=False, chain=c
                 seed=7,
                 effort="quick",
                 hashes=dict(study.hashes),
-                model=model_of(base, final, study),
+                model=Experiment().tested(base, final, study),
                 emulator=training,
                 posteriors=folder.posterior_hashes(),
             )

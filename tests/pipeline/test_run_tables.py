@@ -14,7 +14,8 @@ from bayesdeg.pages.tables import TABLES
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.run_record import bases, comparisons, rests_on
+from bayesdeg.pipeline.experiment import Experiment, bases
+from bayesdeg.pipeline.run_record import comparisons
 from tests.inference.small_study import TRUTH, values_of
 from tests.pipeline.study_files import FILES, SETTINGS, SUMMARY, study_in
 
@@ -239,7 +240,7 @@ def test_statements_name_the_data_that_they_rest_on(study, tmp_path):
     virtual = study_in(tmp_path, {"study.toml": SETTINGS + "virtual = true\n"})
     found = list(bases(virtual, assemble(virtual).model))
     assert [basis.virtual for basis in found] == [bool(basis.count) for basis in found]
-    rows = {row.statement: row.rests_on for row in rests_on(virtual, assemble(virtual).model)}
+    rows = {row.statement: row.rests_on for row in Experiment().basis(virtual, assemble(virtual).model)}
     assert len(rows) == len(found)
     for basis, (statement, data) in zip(found, rows.items(), strict=True):
         assert data.startswith(basis.file)
