@@ -38,7 +38,7 @@ from bayesdeg.pipeline.calibrate import calibrate as calibrate_model
 from bayesdeg.pipeline.judge import extended_model
 from bayesdeg.pipeline.record import Results, forward_map_of
 from bayesdeg.pipeline.run import Streams, verdict_on
-from bayesdeg.pipeline.update import read_new
+from bayesdeg.pipeline.update import Update, read_new
 from bayesdeg.pipeline.update import update as update_run
 from bayesdeg.prediction import forecast, own
 from bayesdeg.prediction import lifetime as lives
@@ -46,7 +46,7 @@ from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.soil import Level, known_levels
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import EFFORTS, Effort
-from bayesdeg.results import Calibration, Model, Report, Update, Verdict, write_run
+from bayesdeg.results import Calibration, Model, Report, Verdict, write_run
 from bayesdeg.surrogate.campaign import Campaign, expect, train_emulator
 from bayesdeg.surrogate.kept import CACHE, duration, refuse_whole_range, rough_seconds
 from bayesdeg.surrogate.solutions import SolutionStore
@@ -688,7 +688,7 @@ def update(
     else:
         name, content = Path(new).name, read_new(Path(new))
     with _work(progress, 1, parallel=False) as (show, _):
-        written = update_run(
+        return update_run(
             Path(run),
             content,
             name,
@@ -697,7 +697,6 @@ def update(
             emulator=None if emulator is None else Path(emulator),
             progress=show,
         )
-    return Update(written)
 
 
 def _calibration(given: object) -> Calibration:

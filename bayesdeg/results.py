@@ -24,11 +24,10 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.own_map import Forward, Readings, UserMap
 from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.tree import to_datatree
-from bayesdeg.pages.folder import POSTERIOR, RunFolder
 from bayesdeg.pages.headline import size_of
 from bayesdeg.pages.left_out import Guard
-from bayesdeg.pages.record import ModelEntry, TakenInEntry, VerdictRecord
-from bayesdeg.pages.wording import SPACE, sentences, worded
+from bayesdeg.pages.record import ModelEntry, VerdictRecord
+from bayesdeg.pages.wording import SPACE, worded
 from bayesdeg.pipeline import writing
 from bayesdeg.pipeline.assemble import Assembly, assemble_own
 from bayesdeg.pipeline.calibrate import Fit
@@ -47,7 +46,6 @@ from bayesdeg.pipeline.run import (
     with_options,
 )
 from bayesdeg.pipeline.stored import NO_COURSE
-from bayesdeg.pipeline.update import UpdatedRun
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.soil import Soil
 from bayesdeg.priors import Parameter
@@ -55,7 +53,6 @@ from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
 
 SHOWN = 5  # candidates in a printed verdict
-MOVED = 8  # parameters in a printed update
 _CANDIDATE = [
     *("cause", "probability", "log_bayes_factor", "log_bayes_factor_error", "elpd_diff"),
     *("elpd_diff_se", "explained_fraction", "parameter", "mean", "sd", "q05", "q95", "unit", "why"),
@@ -516,79 +513,6 @@ class Report:
         return f'<a href="{place}" target="_blank">{html.escape(str(self.page))}</a>'
 
 
-@dataclass(frozen=True, repr=False, eq=False)
-class Update:
-    """A finished run updated with new readings.
-
-    Parameters
-    ----------
-    written : UpdatedRun
-        The update and where it was written.
-    """
-
-    written: UpdatedRun
-
-    @property
-    def folder(self) -> Path:
-        """The new run folder."""
-        return self.written.folder
-
-    @property
-    def method(self) -> str:
-        """``weights`` of the earlier draws, ``refit`` of a law to them, or about the mode."""
-        return self._final.method
-
-    @property
-    def effective(self) -> float:
-        """Effective draws of the updated posterior."""
-        return float(self._final.effective or 0.0)
-
-    @property
-    def pareto_k(self) -> float:
-        """Tail shape of their weights, reliable up to 0.7; nan for equal weights."""
-        known = self._final.pareto_k
-        return float("nan") if known is None else float(known)
-
-    @property
-    def _final(self) -> TakenInEntry:
-        return self.written.entry.posteriors["final"]
-
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """Doubts, and what was not updated."""
-        return self.written.messages
-
-    @cached_property
-    def posterior(self) -> xr.DataTree:
-        """The updated draws, as in ``posterior.nc`` of the new run folder."""
-        return RunFolder(self.folder).read_posterior(POSTERIOR)
-
-    def summary(self) -> pd.DataFrame:
-        """Return mean and sd of every parameter before and after, and its shift in earlier sd."""
-        return self.written.moved.set_index("parameter")
-
-    def __fspath__(self) -> str:
-        """Return the folder as a path."""
-        return os.fspath(self.folder)
-
-    def __repr__(self) -> str:
-        """Return its method, and the parameters that shifted most."""
-        frame = most_moved(self.written.moved).to_string(
-            index=False, float_format=lambda value: f"{value:.4g}"
-        )
-        said = sentences("run", "taken_in", one=self._final).replace(SPACE, " ")
-        return "\n".join([f"{self.folder}: {said}", *self.messages, "", frame])
-
-    def _repr_html_(self) -> str:
-        frame = most_moved(self.written.moved).to_html(
-            index=False, float_format=lambda value: f"{value:.4g}"
-        )
-        said = sentences("run", "taken_in", one=self._final)
-        head = html.escape(f"{self.folder}: {said}")
-        notes = "".join(f"<p>{html.escape(one)}</p>" for one in self.messages)
-        return f"<h4>{head}</h4>{notes}{frame}"
-
-
 def write_run(
     path: Path,
     base: Calibration,
@@ -620,16 +544,3 @@ def write_run(
     if page is None:
         raise BayesdegError(f"{path}: the page could not be made; see left_out.txt there")
     return Report(path, page)
-
-
-def most_moved(moved: pd.DataFrame, count: int = MOVED) -> pd.DataFrame:
-    """Return the parameters that shifted most, in standard deviations.
-
-    Examples
-    --------
-    >>> moved = pd.DataFrame({"parameter": ["a", "b"], "shift_sd": [0.1, -0.4]})
-    >>> most_moved(moved, 1)["parameter"].tolist()
-    ['b']
-    """
-    order = moved["shift_sd"].abs().sort_values(ascending=False, kind="stable").index
-    return moved.loc[order[:count]]

@@ -152,7 +152,7 @@ def measured(folder: Path) -> Json:
             "method": found.method,
             "effective": found.effective,
             "pareto_k": found.pareto_k,
-            "effective_by_weights": found.written.entry.posteriors["final"].weights_effective,
+            "effective_by_weights": found.entry.posteriors["final"].weights_effective,
             **differences(moved, summary),
             "bands_difference": bands_difference(found.folder, bands),
             "rupture_difference": rupture_difference(found.folder, bands),

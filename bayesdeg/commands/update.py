@@ -14,8 +14,8 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.record import RunRecord, UpdateEntry
 from bayesdeg.pages.wording import fixed, number, sentences
+from bayesdeg.pipeline.update import Update, most_moved
 from bayesdeg.records import FileRecord, Names, Scalar
-from bayesdeg.results import Update, most_moved
 
 
 class UpdateAnswer(FileRecord):
@@ -47,14 +47,14 @@ def update(
     )
     run = RunFolder(found.folder).read_run()
     if as_json:
-        rows = found.written.moved.to_dict("records")
+        rows = found.moved.to_dict("records")
         answer = UpdateAnswer(
             title=run.title,
             virtual=run.virtual,
             outcome=RunFolder(found.folder).read_verdict().outcome,
             folder=str(found.folder),
             messages=found.messages,
-            update=found.written.entry,
+            update=found.entry,
             parameters=tuple({str(name): cell for name, cell in row.items()} for row in rows),
         )
         sys.stdout.write(answer.text())
@@ -62,7 +62,7 @@ def update(
     output().print(_table(found, run))
     output().print(f"updated run: {found.folder}", soft_wrap=True)
     if not quiet:
-        say([sentences("run", "taken_in", one=found.written.entry.posteriors["final"])])
+        say([sentences("run", "taken_in", one=found.entry.posteriors["final"])])
         say([*found.messages, f"its page: bayesdeg report {found.folder}"])
 
 
@@ -74,7 +74,7 @@ def _table(found: Update, run: RunRecord) -> Table:
     for heading in ("parameter", "unit", "before", "after", "shift\n[sd]"):
         left = heading in ("parameter", "unit")
         table.add_column(Text(heading), justify="left" if left else "right", no_wrap=True)
-    for row in most_moved(found.written.moved).to_dict("records"):
+    for row in most_moved(found.moved).to_dict("records"):
         table.add_row(
             Text(str(row["parameter"])),
             Text(str(row["unit"])),

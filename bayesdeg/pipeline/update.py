@@ -1,17 +1,20 @@
 """Adding further actuator readings to a finished run."""
 
 import hashlib
+import html
+import os
 import re
 import shutil
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -48,7 +51,7 @@ from bayesdeg.pages.record import (
     UpdateEntry,
     VerdictRecord,
 )
-from bayesdeg.pages.wording import sentences
+from bayesdeg.pages.wording import SPACE, sentences
 from bayesdeg.pipeline.aside import readings_at
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import Fit
@@ -98,6 +101,7 @@ REPEATED_STAGES = (
 
 VOLUME = "cavity_volume_ml"  # needs the curvatures of the same specimens again
 COUNTS_STREAM = 3  # stream of the seed for simulated rupture counts
+MOVED = 8  # parameters in a printed update
 DRAWS = 12000  # draws of equal weight for tables: three for each effective one
 ENSEMBLES = 4  # number of chains into which they are divided
 CHECKED, SAME = 50, 1e-3  # draws whose density is compared with the run's, and the tolerance [nats]
@@ -457,27 +461,90 @@ def default_target(report: Path) -> Path:
     return whole.with_name(f"{plain}_updated_{int(number) + 1 if number.isdigit() else 2}")
 
 
-@dataclass(frozen=True)
-class UpdatedRun:
-    """An updated run.
+@dataclass(frozen=True, repr=False, eq=False)
+class Update:
+    """A finished run updated with new readings.
 
     Parameters
     ----------
     folder : Path
-        Where it was written.
+        The new run folder.
     entry : UpdateEntry
-        What was taken in, and how.
+        What was added, and how.
     moved : DataFrame
         A row for each parameter of the final model: unit, mean and sd before and after, and the
         shift of the mean in standard deviations before.
     messages : tuple of str
-        What its user should know.
+        Doubts, and what was not updated.
     """
 
     folder: Path
     entry: UpdateEntry
     moved: pd.DataFrame
     messages: tuple[str, ...]
+
+    @property
+    def method(self) -> str:
+        """``weights`` of the earlier draws, ``refit`` of a law to them, or about the mode."""
+        return self._final.method
+
+    @property
+    def effective(self) -> float:
+        """Effective draws of the updated posterior."""
+        return float(self._final.effective or 0.0)
+
+    @property
+    def pareto_k(self) -> float:
+        """Tail shape of their weights, reliable up to 0.7; nan for equal weights."""
+        known = self._final.pareto_k
+        return float("nan") if known is None else float(known)
+
+    @property
+    def _final(self) -> TakenInEntry:
+        return self.entry.posteriors["final"]
+
+    @cached_property
+    def posterior(self) -> xr.DataTree:
+        """The updated draws, as in ``posterior.nc`` of the new run folder."""
+        return RunFolder(self.folder).read_posterior(POSTERIOR)
+
+    def summary(self) -> pd.DataFrame:
+        """Return mean and sd of every parameter before and after, and its shift in earlier sd."""
+        return self.moved.set_index("parameter")
+
+    def __fspath__(self) -> str:
+        """Return the folder as a path."""
+        return os.fspath(self.folder)
+
+    def __repr__(self) -> str:
+        """Return its method, and the parameters that shifted most."""
+        frame = most_moved(self.moved).to_string(
+            index=False, float_format=lambda value: f"{value:.4g}"
+        )
+        said = sentences("run", "taken_in", one=self._final).replace(SPACE, " ")
+        return "\n".join([f"{self.folder}: {said}", *self.messages, "", frame])
+
+    def _repr_html_(self) -> str:
+        frame = most_moved(self.moved).to_html(
+            index=False, float_format=lambda value: f"{value:.4g}"
+        )
+        said = sentences("run", "taken_in", one=self._final)
+        head = html.escape(f"{self.folder}: {said}")
+        notes = "".join(f"<p>{html.escape(one)}</p>" for one in self.messages)
+        return f"<h4>{head}</h4>{notes}{frame}"
+
+
+def most_moved(moved: pd.DataFrame, count: int = MOVED) -> pd.DataFrame:
+    """Return the parameters that shifted most, in standard deviations.
+
+    Examples
+    --------
+    >>> moved = pd.DataFrame({"parameter": ["a", "b"], "shift_sd": [0.1, -0.4]})
+    >>> most_moved(moved, 1)["parameter"].tolist()
+    ['b']
+    """
+    order = moved["shift_sd"].abs().sort_values(ascending=False, kind="stable").index
+    return moved.loc[order[:count]]
 
 
 def update(
@@ -489,7 +556,7 @@ def update(
     seed: int | None,
     emulator: Path | None,
     progress: Progress,
-) -> UpdatedRun:
+) -> Update:
     """Add further actuator readings to a finished run, and write a new run folder.
 
     Parameters
@@ -540,7 +607,7 @@ def update(
         left_out = (f"{one.stage}: {one.why}" for one in guard.left_out)
         moved = _moved(taken[POSTERIOR])
         said = sentences("run", "updated", update=entry, degrades=of.run.degrades)
-        return UpdatedRun(target, entry, moved, (*doubted, said, *left_out))
+        return Update(target, entry, moved, (*doubted, said, *left_out))
 
 
 def _results(

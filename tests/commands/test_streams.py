@@ -16,8 +16,7 @@ from bayesdeg.commands import simulate as simulating
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.laboratory.hidden import lines_of
 from bayesdeg.pages.record import TakenInEntry, UpdateEntry, VerdictRecord
-from bayesdeg.pipeline.update import UpdatedRun
-from bayesdeg.results import Update
+from bayesdeg.pipeline.update import Update
 from bayesdeg_camera import command as tracing
 from tests.commands.test_predict_and_control import buried, models, report
 from tests.commands.test_score_command import ANSWERS, TRUTHS
@@ -74,7 +73,7 @@ def call(tmp_path, monkeypatch, capsys, buried):
     monkeypatch.setattr(simulating, "study_files", lambda *_, **__: {})
     monkeypatch.setattr(training, "train", lambda *_: None)
     entry = UpdateEntry(posteriors={"final": TakenInEntry(method="weights", effective=9.0)})
-    updated = Update(UpdatedRun(Path("full"), entry, pd.DataFrame([MOVED]), ("not judged",)))
+    updated = Update(Path("full"), entry, pd.DataFrame([MOVED]), ("not judged",))
     monkeypatch.setattr(api, "update", lambda *_, **__: updated)
     found = SimpleNamespace(plane=SimpleNamespace(target=None))
     monkeypatch.setattr(tracing, "trace", lambda *_, **__: found)

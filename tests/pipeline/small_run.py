@@ -12,9 +12,9 @@ from bayesdeg.inference.tree import to_datatree
 from bayesdeg.inference.update import drawn_evenly
 from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pipeline.assemble import assemble
+from bayesdeg.pipeline.experiment import Experiment
 from bayesdeg.pipeline.films import course_of
 from bayesdeg.pipeline.output import run_folder
-from bayesdeg.pipeline.experiment import Experiment
 from bayesdeg.surrogate.trained import write_trained
 from tests.pipeline.planted_offset import emulator
 

@@ -240,7 +240,8 @@ def test_statements_name_the_data_that_they_rest_on(study, tmp_path):
     virtual = study_in(tmp_path, {"study.toml": SETTINGS + "virtual = true\n"})
     found = list(bases(virtual, assemble(virtual).model))
     assert [basis.virtual for basis in found] == [bool(basis.count) for basis in found]
-    rows = {row.statement: row.rests_on for row in Experiment().basis(virtual, assemble(virtual).model)}
+    said = Experiment().basis(virtual, assemble(virtual).model)
+    rows = {row.statement: row.rests_on for row in said}
     assert len(rows) == len(found)
     for basis, (statement, data) in zip(found, rows.items(), strict=True):
         assert data.startswith(basis.file)
