@@ -20,7 +20,13 @@ from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order, recorded_batches
 from bayesdeg.data.plausibility import computed_angles
 from bayesdeg.data.study import Study
-from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
+from bayesdeg.observations.arrays import (
+    PathReadings,
+    chosen,
+    histories,
+    places_of_tests,
+    rows_of_specimens,
+)
 from bayesdeg.observations.kinds import (
     Deviations,
     Observations,
@@ -277,41 +283,36 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
     if study.line_points is None:
         computed = computed_angles(table)
         table = table.assign(bend_angle_deg=table["bend_angle_deg"].mask(computed))
-    groups = [g for _, g in table.groupby("specimen_id", sort=False)]
-    size = max(len(g) for g in groups)
-    pressure = padded([g["pressure_kPa"] for g in groups], size, fill=0.0)
-    curvature = padded([g["curvature_per_m"] for g in groups], size, fill=np.nan)
+    rows = rows_of_specimens(table)
+    pressure = rows.numbers("pressure_kPa", 0.0)
+    curvature = rows.numbers("curvature_per_m", np.nan)
     mask = np.isfinite(curvature) & (pressure > 0.0)
-    known_sd = padded([g["curvature_sd_per_m"] for g in groups], size, fill=0.0)
-    angle = padded([g["bend_angle_deg"] for g in groups], size, fill=np.nan)
-    known_angle_sd = padded([g["bend_angle_sd_deg"] for g in groups], size, fill=0.0)
+    angle = rows.numbers("bend_angle_deg", np.nan)
     angle_mask = np.isfinite(angle) & mask
     if not mask.any():
         return None
-    specimens = tuple(str(g["specimen_id"].iloc[0]) for g in groups)
     batches = recorded_batches(table)
     return ActuatorCurves(
-        specimens=specimens,
-        degradation=np.array([[float(g["degradation_pct"].iloc[0])] for g in groups]),
-        degradation_sd=np.array([[float(g["degradation_sd_pct"].iloc[0])] for g in groups]),
+        specimens=rows.specimens,
+        degradation=rows.first("degradation_pct")[:, None],
+        degradation_sd=rows.first("degradation_sd_pct")[:, None],
         pressure=pressure,
         curvature=np.where(mask, curvature, 0.0),
-        curvature_sd=np.nan_to_num(known_sd),
-        angle_sd=np.nan_to_num(known_angle_sd),
+        curvature_sd=np.nan_to_num(rows.numbers("curvature_sd_per_m", 0.0)),
+        angle_sd=np.nan_to_num(rows.numbers("bend_angle_sd_deg", 0.0)),
         mask=mask,
         bend_angle=np.where(angle_mask, angle, 0.0),
         angle_mask=angle_mask,
-        recorded=np.arange(size) < np.array([len(g) for g in groups])[:, None],
-        ruptured=padded([g["ruptured"] for g in groups], size, fill=0.0) > 0.5,
-        cycle=padded([g["cycle"] for g in groups], size, fill=1.0).astype(np.int64),
-        time=padded([g["time_s"] for g in groups], size, fill=np.nan),
-        humidity=padded([g["humidity_pct"] for g in groups], size, fill=np.nan),
-        # missing rows get the mount of the existing ones
-        mount=np.array([[*g["mount"], *[g["mount"].iloc[-1]] * (size - len(g))] for g in groups]),
-        branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
-        temperature=padded([g["temperature_C"] for g in groups], size, fill=np.nan),
+        recorded=rows.recorded,
+        ruptured=rows.numbers("ruptured", 0.0) > 0.5,
+        cycle=rows.numbers("cycle", 1.0).astype(np.int64),
+        time=rows.numbers("time_s", np.nan),
+        humidity=rows.numbers("humidity_pct", np.nan),
+        mount=rows.words("mount"),
+        branch=rows.words("branch", "loading"),
+        temperature=rows.numbers("temperature_C", np.nan),
         batch=batch_numbers(table, batch_order(study.tensile, table))[:, None],
-        batch_name=np.array([[batches.get(name, "")] for name in specimens]),
+        batch_name=np.array([[batches.get(name, "")] for name in rows.specimens]),
     )
 
 
@@ -539,20 +540,26 @@ def mechanics_inputs(
     deviation : array, shape (n, n_specimens, 1)
         Of each specimen's ln stiffness.
     """
-    values, material = state.values, state.once(parts_of, data).material
+    constants = state.once(parts_of, data).material.constants
     factor = np.exp(deviation)
-    c1, c2, c3 = (material.constants[..., i, None] * factor for i in range(3))
-    inputs = Inputs(
-        pressure=data.conditions.pressure,
-        c1=c1,
-        c2=c2,
-        c3=c3,
+    c1, c2, c3 = (constants[..., i, None] * factor for i in range(3))
+    inputs = inputs_without_causes(state, data.conditions.pressure, (c1, c2, c3))
+    return applied("on_inputs", inputs, data.conditions, state.acting())
+
+
+def inputs_without_causes(
+    state: State[FilmsAndActuators], pressure: Floats, constants: tuple[Floats, Floats, Floats]
+) -> Inputs:
+    """Return the inputs of the mechanics at pressures [kPa] and Yeoh constants [MPa]."""
+    values, world = state.values, state.world
+    return Inputs(
+        pressure,
+        *constants,
         linear_scale=linear_scale(values)[:, None, None],
         paper_stiffness=layer_stiffness(values)[:, None, None],
-        paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
-        dimensions=state.world.sizes(values),
+        paper_thickness=np.full((1, 1, 1), world.paper_thickness),
+        dimensions=world.sizes(values),
     )
-    return applied("on_inputs", inputs, data.conditions, state.acting())
 
 
 def _predictions(
@@ -651,8 +658,7 @@ def _curves(mechanics: Prediction, prediction: Prediction) -> Curves:
         mechanics.slope,
     )
     shape = curves[0].shape
-    whole = (c if c.shape == shape else np.broadcast_to(c, shape) for c in curves)
-    return Curves(*map(np.ascontiguousarray, whole))
+    return Curves(*(np.ascontiguousarray(np.broadcast_to(one, shape)) for one in curves))
 
 
 def reading_correlation(values: Named, data: ActuatorCurves) -> Floats:
@@ -795,13 +801,12 @@ class Curvature(PathReadings[ActuatorCurves]):
     @override
     def places(self) -> Places:
         data = self.tests
-        path = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
         return places_of_tests(
             data,
             (CURVATURE, ANGLE) if data.with_angle else (CURVATURE,),
             ACTUATOR,
             data.pressure,
-            np.char.add(np.char.add(path, " "), data.mount),
+            histories(data.conditions),
             time=data.time,
             humidity=data.humidity,
         )
@@ -873,7 +878,7 @@ class Curvature(PathReadings[ActuatorCurves]):
 
     def deviation_sd(self, state: State[FilmsAndActuators]) -> Floats:
         """Return τ of each actuator, shape (n, n_specimens, 1)."""
-        return np.sqrt(state.once(parts_of, self.tests).spread)[..., None]
+        return deviation_sd(state, self.tests)
 
     def drawn_deviations(
         self, state: State[FilmsAndActuators], generator: np.random.Generator
@@ -928,6 +933,11 @@ class Curvature(PathReadings[ActuatorCurves]):
         return found
 
 
+def deviation_sd(state: State[FilmsAndActuators], data: AtPressures) -> Floats:
+    """Return τ of each actuator's ln stiffness, (n, n_specimens, 1)."""
+    return np.sqrt(state.once(parts_of, data).spread)[..., None]
+
+
 class DrawnCurves(NamedTuple):
     """Readings of new specimens.
 
@@ -950,7 +960,7 @@ def draw_readings(
     state: State[FilmsAndActuators], data: ActuatorCurves, generator: np.random.Generator
 ) -> DrawnCurves:
     """Draw readings of new specimens, see `Curvature.drawn`, and their predictions."""
-    sd = np.sqrt(state.once(parts_of, data).spread)[..., None]
+    sd = deviation_sd(state, data)
     deviation = sd * generator.standard_normal(sd.shape)
     predicted = predict(state, data, deviation)
     length = state.values["curvature_noise_length"]
