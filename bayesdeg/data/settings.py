@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass as plain_dataclass
 from dataclasses import field, fields, is_dataclass, replace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval, Len
 from pydantic import (
@@ -110,6 +110,8 @@ class Dimensions:
     ()
     """
 
+    kind: ClassVar[Kind] = "pneunet"
+
     length: float = 50.0
     width: float = 10.0
     height: float = 10.0
@@ -123,11 +125,6 @@ class Dimensions:
     channel_width: float = 2.0
     channel_height: float = 1.5
     channel_roof: float = 1.0
-
-    @property
-    def kind(self) -> Kind:
-        """The family."""
-        return "pneunet"
 
     @property
     def usual_height(self) -> float:
@@ -211,14 +208,10 @@ class Dimensions:
                 f"floor and roof ({upward:g} mm) leave no chamber in the height "
                 f"({self.height:g} mm)"
             )
-        return tuple(wrong) or self._wrong_channel()
-
-    def _wrong_channel(self) -> tuple[str, ...]:
-        if self.chambers == 1:
-            return ()
-        wide, high = self.width - 2.0 * self.side_wall, self.height - self.floor - self.roof
+        if wrong or self.chambers == 1:
+            return tuple(wrong)
+        wide, high = self.width - across, self.height - self.floor - self.roof
         slot_bottom = self.floor + self.channel_height + self.channel_roof
-        wrong = []
         if self.channel_width > wide:
             wrong.append(
                 f"the channel ({self.channel_width:g} mm) is wider than the chambers ({wide:g} mm)"

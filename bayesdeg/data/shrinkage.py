@@ -17,14 +17,16 @@ from bayesdeg.data.settings import Mixture, MixtureRecipe
 Floats = npt.NDArray[np.float64]
 Masses = tuple[Floats, Floats, Floats]
 
+USUAL = Mixture()
+"""Gelatin, glycerol and water 2 : 1 : 8."""
 SMALL = 1e-4
 """Relative step of derivatives; their error is one part in 1e8."""
 
 
 def component_masses(
-    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture | None = None
+    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture = USUAL
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute the masses of gelatin, glycerol and water in a film, Eqs 12–14.
+    """Compute the masses of gelatin, glycerol and water in a film, Eqs 12–14 [g].
 
     Parameters
     ----------
@@ -32,13 +34,8 @@ def component_masses(
         m_0 [g].
     mass : array_like, broadcastable
         The same film in any later state, m_0, m_1 or m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    gelatin, glycerol, water : numpy.ndarray
-        [g]
+    mixture : Mixture
+        By default `USUAL`.
 
     Raises
     ------
@@ -52,7 +49,6 @@ def component_masses(
     >>> [round(float(mass), 4) for mass in component_masses(30.0, 15.0)]
     [5.4545, 2.7273, 6.8182]
     """
-    mixture = mixture or Mixture()
     poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
     gelatin, glycerol, water = _parts(poured, now, mixture)
     if np.any(water < 0.0):
@@ -67,9 +63,9 @@ def component_masses(
 
 
 def film_volume(
-    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture | None = None
+    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture = USUAL
 ) -> Floats:
-    r"""Compute the volume of a film as the sum of its components, Eqs 7–10.
+    r"""Compute the volume of a film as the sum of its components, Eqs 7–10 [cm³].
 
     .. math:: V = m_{Gel}/\rho_{Gel} + m_{Gly}/\rho_{Gly} + m_w/\rho_w
 
@@ -77,13 +73,8 @@ def film_volume(
     ----------
     mass_poured, mass : array_like, broadcastable
         m_0 and the mass in the requested state [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        [cm³]
+    mixture : Mixture
+        By default `USUAL`.
 
     Examples
     --------
@@ -92,7 +83,6 @@ def film_volume(
     >>> round(float(film_volume(30.0, 15.0)), 4)
     13.0231
     """
-    mixture = mixture or Mixture()
     component_masses(mass_poured, mass, mixture)
     poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
     return volume_of_parts(poured, now, mixture)
@@ -119,9 +109,9 @@ def _parts(poured: Floats, mass: Floats, mixture: Mixture) -> tuple[Floats, Floa
 
 
 def density_by_mass_average(
-    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture | None = None
+    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture = USUAL
 ) -> Floats:
-    r"""Compute the density of a film by Eq. 15, the mass-weighted mean of densities.
+    r"""Compute the density of a film by Eq. 15, the mass-weighted mean of densities [g/cm³].
 
     .. math:: \rho = (m_{Gel}\rho_{Gel} + m_{Gly}\rho_{Gly} + m_w\rho_w) / m
 
@@ -132,13 +122,8 @@ def density_by_mass_average(
     ----------
     mass_poured, mass : array_like, broadcastable
         m_0 and m_1 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        [g/cm³]
+    mixture : Mixture
+        By default `USUAL`.
 
     Examples
     --------
@@ -147,7 +132,6 @@ def density_by_mass_average(
     >>> round(float(density_by_mass_average(30.0, 15.0)), 4)
     1.1745
     """
-    mixture = mixture or Mixture()
     gelatin, glycerol, water = component_masses(mass_poured, mass, mixture)
     weighted = (
         gelatin * mixture.gelatin_density
@@ -161,7 +145,7 @@ def volume_ratio(
     mass_poured: npt.ArrayLike,
     mass_cured: npt.ArrayLike,
     mass_conditioned: npt.ArrayLike,
-    mixture: Mixture | None = None,
+    mixture: Mixture = USUAL,
 ) -> Floats:
     r"""Compute the volume ratio of conditioned to cured film, Eqs 11 and 17.
 
@@ -173,13 +157,8 @@ def volume_ratio(
     ----------
     mass_poured, mass_cured, mass_conditioned : array_like, broadcastable
         m_0, m_1, m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        α [–]
+    mixture : Mixture
+        By default `USUAL`.
 
     Examples
     --------
@@ -196,7 +175,7 @@ def volume_ratio_by_mass_average(
     mass_poured: npt.ArrayLike,
     mass_cured: npt.ArrayLike,
     mass_conditioned: npt.ArrayLike,
-    mixture: Mixture | None = None,
+    mixture: Mixture = USUAL,
 ) -> Floats:
     r"""Compute the volume ratio as the source does, Eqs 15–17.
 
@@ -208,13 +187,8 @@ def volume_ratio_by_mass_average(
     ----------
     mass_poured, mass_cured, mass_conditioned : array_like, broadcastable
         m_0, m_1, m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        α [–]
+    mixture : Mixture
+        By default `USUAL`.
 
     Examples
     --------
@@ -223,39 +197,10 @@ def volume_ratio_by_mass_average(
     >>> round(float(volume_ratio_by_mass_average(30.0, 15.0, 10.0)), 4)
     0.6085
     """
-    mixture = mixture or Mixture()
     component_masses(mass_poured, mass_conditioned, mixture)
     cured, conditioned = np.asarray(mass_cured, float), np.asarray(mass_conditioned, float)
     volume = cured / density_by_mass_average(mass_poured, cured, mixture)
     return np.asarray(1.0 + (conditioned - cured) / (mixture.water_density * volume), float)
-
-
-def volume_ratio_to_mould(
-    mass_poured: npt.ArrayLike, mass_conditioned: npt.ArrayLike, mixture: Mixture | None = None
-) -> Floats:
-    r"""Compute the volume ratio of the conditioned film to the poured mixture, V_2/V_0.
-
-    Parameters
-    ----------
-    mass_poured, mass_conditioned : array_like, broadcastable
-        m_0 and m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        [–]
-
-    Examples
-    --------
-    8.0231/28.0231:
-
-    >>> round(float(volume_ratio_to_mould(30.0, 10.0)), 4)
-    0.2863
-    """
-    conditioned = film_volume(mass_poured, mass_conditioned, mixture)
-    return conditioned / film_volume(mass_poured, mass_poured, mixture)
 
 
 @dataclass(frozen=True)
@@ -287,10 +232,6 @@ def mean_of_replicates(values: npt.ArrayLike) -> Mean:
     ----------
     values : array_like, shape (n,)
         One value a film, at least one film.
-
-    Returns
-    -------
-    Mean
 
     Raises
     ------
@@ -324,11 +265,6 @@ def recipe_error(masses: Masses, recipe: MixtureRecipe) -> float:
         m_0, m_1, m_2 of each film [g].
     recipe : MixtureRecipe
         Its values and their standard uncertainties.
-
-    Returns
-    -------
-    float
-        [–]
 
     Examples
     --------
@@ -425,39 +361,9 @@ def linear_scale(volume_ratio: npt.ArrayLike) -> Floats:
     volume_ratio : array_like
         α, above 0 [–].
 
-    Returns
-    -------
-    numpy.ndarray
-        s [–]
-
     Examples
     --------
     >>> round(float(linear_scale(0.62)), 3)
     0.853
     """
     return np.asarray(np.cbrt(np.asarray(volume_ratio, float)), float)
-
-
-def linear_scale_error(volume_ratio: npt.ArrayLike, error: npt.ArrayLike) -> Floats:
-    r"""Carry the standard error of the volume ratio over to the linear scale, by the delta method.
-
-    .. math:: \sigma_s = \sigma_\alpha / (3 \alpha^{2/3})
-
-    Parameters
-    ----------
-    volume_ratio, error : array_like, broadcastable
-        α and its standard error [–].
-
-    Returns
-    -------
-    numpy.ndarray
-        σ_s [–]
-
-    Examples
-    --------
-    0.07/(3 × 0.62^(2/3)):
-
-    >>> round(float(linear_scale_error(0.62, 0.07)), 4)
-    0.0321
-    """
-    return np.asarray(error, float) / (3.0 * linear_scale(volume_ratio) ** 2)
