@@ -5,7 +5,7 @@ import io
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pandas as pd
 
@@ -192,8 +192,28 @@ def read_cells(
             problem += f": {len(in_comments)} lines begin with # and count as comments"
             remedy = IN_QUOTES
         return None, (Fault(file, problem, remedy, header_row),)
-    cells, faults = _assemble(rows, file)
-    return replace(cells, rows_in_comments=in_comments), faults
+    good, faults = list[tuple[int, list[str]]](), list[Fault]()
+    for row, cells in rows[1:]:
+        if len(cells) == len(header):
+            good.append((row, cells))
+            continue
+        if len(cells) > len(header):
+            problem = f"has too many cells: {len(cells)}, but the header has {len(header)}"
+            remedy = (
+                "write numbers with a decimal point and no thousands separator, and put texts "
+                "that contain a comma in quotation marks"
+            )
+        else:
+            problem = f"has too few cells: {len(cells)}, but the header has {len(header)}"
+            remedy = "where nothing was recorded, leave the cell empty but keep its comma"
+        faults.append(Fault(file, problem, remedy, row, value=",".join(cells)))
+    texts = pd.DataFrame(
+        [cells for _, cells in good],
+        columns=pd.Index(header, dtype=object),
+        index=pd.Index([row for row, _ in good], name="row", dtype="int64"),
+        dtype=object,
+    )
+    return Cells(file, header_row, texts, in_comments), tuple(faults)
 
 
 def _rows_in_comments(text: str, header: list[str], header_row: int) -> tuple[int, ...]:
@@ -273,36 +293,6 @@ def _wrong_header(
     twice = sorted({name for name in header if name and header.count(name) > 1})
     problem, remedy = "is a duplicate column name", "keep one of them"
     return (*faults, *(Fault(file, problem, remedy, row, name) for name in twice))
-
-
-def _assemble(rows: list[tuple[int, list[str]]], file: str) -> tuple[Cells, tuple[Fault, ...]]:
-    header_row, header = rows[0]
-    good = [(row, cells) for row, cells in rows[1:] if len(cells) == len(header)]
-    faults = tuple(
-        _ragged(cells, len(header), Fault(file, "", "", row))
-        for row, cells in rows[1:]
-        if len(cells) != len(header)
-    )
-    texts = pd.DataFrame(
-        [cells for _, cells in good],
-        columns=pd.Index(header, dtype=object),
-        index=pd.Index([row for row, _ in good], name="row", dtype="int64"),
-        dtype=object,
-    )
-    return Cells(file, header_row, texts), faults
-
-
-def _ragged(cells: list[str], wanted: int, place: Fault) -> Fault:
-    if len(cells) > wanted:
-        problem = f"has too many cells: {len(cells)}, but the header has {wanted}"
-        remedy = (
-            "write numbers with a decimal point and no thousands separator, and put texts that "
-            "contain a comma in quotation marks"
-        )
-    else:
-        problem = f"has too few cells: {len(cells)}, but the header has {wanted}"
-        remedy = "where nothing was recorded, leave the cell empty but keep its comma"
-    return Fault(place.file, problem, remedy, place.row, value=",".join(cells))
 
 
 #: Endings that mark the same quantity in a different unit.
@@ -392,11 +382,11 @@ def _blame(
 
 def _in_capitals(name: str, column: str, place: Fault, *, is_there: bool) -> Fault:
     """Refuse a column name that differs from a known one only in capitals."""
-    unit = "" if column == column.lower() else " but for the unit"
-    problem = "is wrongly capitalised"
-    remedy = f"write it in lower case{unit}: {column}"
     if is_there:
         problem, remedy = f"duplicates {column} in different capitals", "remove one of them"
+    else:
+        unit = "" if column == column.lower() else " but for the unit"
+        problem, remedy = "is wrongly capitalised", f"write it in lower case{unit}: {column}"
     return Fault(place.file, problem, remedy, place.row, name)
 
 

@@ -164,10 +164,6 @@ def check_table(
     degradation_sd_pct : float
         Standard error of a degradation rate where none is recorded [%].
 
-    Returns
-    -------
-    CheckedTable
-
     Notes
     -----
     A cell that cannot be read is one fault and takes no part in further checks, so that one slip is
@@ -741,11 +737,8 @@ def _assemble(
         recorded={name: table.recorded for name, table in tables.items()},
         passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
         others={name: frame for name, frame in frames.items() if name not in TABLES},
-        line_points=None,
         unread=tuple(unread),
         digits={name: digit for t in tables.values() for name, digit in t.digits.items()},
-        photographs=(),
-        captured=(),
     )
 
 
@@ -772,24 +765,18 @@ def _wrong_files(
     folder: Path, data_files: tuple[str, ...], found: set[str], unreadable: tuple[Fault, ...]
 ) -> Iterator[Fault]:
     there = found | {fault.file for fault in unreadable}
-    misnamed = dict(_misnamed(folder, data_files, there))
-    for name, meant in misnamed.items():
-        remedy = f"did you mean {meant!r}? Rename it, or give it a less similar name"
-        yield Fault(name, "is not an input file", remedy)
-    if SETTINGS_FILE not in {*there, *misnamed.values()}:
-        yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty: all keys have defaults")
-    if not ({*there, *misnamed.values()} & set(data_files)):
-        remedy = f"add at least one of {', '.join(data_files)}"
-        yield Fault(folder.resolve().name, "contains no data file", remedy)
-
-
-def _misnamed(
-    folder: Path, data_files: tuple[str, ...], there: set[str]
-) -> Iterator[tuple[str, str]]:
     known = {Path(name).stem: name for name in (SETTINGS_FILE, *data_files)}
+    meant = set(there)
     for path in sorted(folder.iterdir()):
         if path.name in there or path.suffix.casefold() not in (".csv", ".toml"):
             continue
         best = nearest(path.stem, known, cutoff=0.85)
         if best is not None:
-            yield path.name, known[best]
+            meant.add(known[best])
+            remedy = f"did you mean {known[best]!r}? Rename it, or give it a less similar name"
+            yield Fault(path.name, "is not an input file", remedy)
+    if SETTINGS_FILE not in meant:
+        yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty: all keys have defaults")
+    if not meant & set(data_files):
+        remedy = f"add at least one of {', '.join(data_files)}"
+        yield Fault(folder.resolve().name, "contains no data file", remedy)
