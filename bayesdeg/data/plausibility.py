@@ -191,7 +191,7 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
     # absurd numbers overflow; their ratios are not compared
     with np.errstate(all="ignore"):
         evidence = _Evidence(study, expected)
-        found = _made(OF_FILMS, evidence)
+        found = [] if study.tensile is None else _made(OF_FILMS, evidence)
         evidence = replace(evidence, are_films_doubtful=bool(found))
         found += _made(OF_STUDY, evidence)
         if evidence.bent:
@@ -310,23 +310,19 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
 
 def _prior_at(laws: Mapping[float, Distribution], rates: Floats) -> tuple[Floats, Floats]:
     """Return ln of the median and its standard deviation at degradation rates; nan if unknown."""
-    known = {rate: _median_and_above(law) for rate, law in sorted(laws.items())}
+    # for a log-normal law, the default here, no special function is needed
+    known = {
+        rate: law.median * np.exp([0.0, law.sigma])
+        if isinstance(law, LogNormal)
+        else law.quantile(np.array([0.5, 0.8413]))  # up to one sd of a normal law
+        for rate, law in sorted(laws.items())
+    }
     known = {rate: q for rate, q in known.items() if np.all(np.isfinite(q)) and q[0] > 0.0}
     if not known:
         return np.full(len(rates), np.nan), np.full(len(rates), np.nan)
     at, quantiles = list(known), np.log(np.array(list(known.values())))
     median = np.interp(rates, at, quantiles[:, 0])
     return median, np.maximum(np.interp(rates, at, quantiles[:, 1]) - median, 1e-6)
-
-
-def _median_and_above(law: Distribution) -> Floats:
-    """Return a law's median, and its quantile one standard deviation of a normal law above.
-
-    For a log-normal law, the default here, no special function is needed.
-    """
-    if isinstance(law, LogNormal):
-        return law.median * np.exp([0.0, law.sigma])
-    return law.quantile(np.array([0.5, 0.8413]))
 
 
 def _off_prior(
@@ -373,6 +369,14 @@ def _short(value: float) -> str:
     """
     text = f"{value:.3g}"
     return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e7 else text
+
+
+def _compared(
+    factor: float, units: Units, tolerance: float, *, otherwise: str = OTHER_UNIT
+) -> dict[str, object]:
+    """Return the words for a factor and for the likely mistake."""
+    guess = _likely(factor, units, tolerance, otherwise=otherwise)
+    return {"times": _times(factor), "guess": guess}
 
 
 def _likely(factor: float, units: Units, tolerance: float, *, otherwise: str = OTHER_UNIT) -> str:
@@ -462,6 +466,12 @@ class _Evidence:
     def bent(self) -> list[_Curve]:
         """Curves of actuators that bent at all, or that have a single reading."""
         return [c for c in self.curves if len(c.curvature) == 1 or c.curvature.any()]
+
+    @property
+    def tensile(self) -> pd.DataFrame:
+        """Rows of films."""
+        assert self.study.tensile is not None
+        return self.study.tensile
 
     @property
     def actuator(self) -> pd.DataFrame:
@@ -632,10 +642,7 @@ def _neo_hookean(rows: pd.DataFrame) -> pd.Series:
 
 
 def _too_stretched(evidence: _Evidence) -> Iterator[_Found]:
-    tensile = evidence.study.tensile
-    if tensile is None:
-        return
-    stretch = tensile.groupby("specimen_id", sort=False)["stretch"]
+    stretch = evidence.tensile.groupby("specimen_id", sort=False)["stretch"]
     largest = stretch.max()
     # stretch in percent begins at 100, strain in percent near 0
     in_percent = float(stretch.min().median()) >= 100.0 * (1.0 - LEAST_STRAIN)
@@ -649,9 +656,7 @@ def _too_stretched(evidence: _Evidence) -> Iterator[_Found]:
 
 def _wrong_signs(evidence: _Evidence, *, as_strain: bool) -> Iterator[_Found]:
     """Yield films under tension that shrink, or the reverse; strain is likely if all shrink."""
-    tensile = evidence.study.tensile
-    if tensile is None:
-        return
+    tensile = evidence.tensile
     stretch, stress = tensile["stretch"], tensile["stress_MPa"]
     largest = stress.abs().groupby(tensile["specimen_id"]).transform("max")
     clear = (np.abs(stretch - 1.0) > LEAST_STRAIN) & (stress.abs() > LEAST_STRESS * largest)
@@ -704,11 +709,7 @@ def _odd_ones(table: pd.DataFrame, logs: Floats, values: Floats, units: Units) -
     wrong = np.flatnonzero(off)
     slip = "likely a different unit, a slipped decimal point or a different material"
     for i in wrong[:1] if len(table) == 2 else wrong:  # of two either may be wrong
-        factor = _factor(off[i])
-        words = {
-            "times": _times(factor),
-            "guess": _likely(factor, units, NEAR_UNIT, otherwise=slip),
-        }
+        words = _compared(_factor(off[i]), units, NEAR_UNIT, otherwise=slip)
         impossible = bool(abs(off[i]) >= np.log(IMPOSSIBLE_FACTOR))
         yield _Found(table.index[i], values[i], words, impossible)
 
@@ -758,9 +759,7 @@ def _elongations_off_prior(evidence: _Evidence) -> Iterator[_Found]:
         *_logs_and_rates(table, "value"), evidence.expected.elongation
     )
     if impossible is not None:
-        factor = _factor(log_factor)
-        guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
-        words = {"times": _times(factor), "guess": guess}
+        words = _compared(_factor(log_factor), PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
         yield _Found(table.index[0], table["value"].iloc[0], words, impossible)
 
 
@@ -783,9 +782,7 @@ def _published(evidence: _Evidence, quantity: str) -> Iterator[_Found]:
     rates = rows["degradation_pct"].fillna(0.0).to_numpy(float)
     log_factor, impossible = _off_prior(np.log(values / per), rates, laws)
     if impossible is not None:
-        factor = _factor(log_factor)
-        guess = _likely(factor, units, NEAR_UNIT_OF_PRIOR)
-        words = {"times": _times(factor), "guess": guess}
+        words = _compared(_factor(log_factor), units, NEAR_UNIT_OF_PRIOR)
         yield _Found(None, values[0], words, impossible)
 
 
@@ -886,8 +883,8 @@ def _still(evidence: _Evidence) -> Iterator[_Found]:
 def _backwards(evidence: _Evidence) -> Iterator[_Found]:
     for curve in evidence.bent:
         if curve.end < -LARGEST_SHARE_AT_REST * evidence.largest:
-            words, among = {"pressure": curve.pressure[-1]}, len(evidence.bent)
-            yield _Found(curve.name, curve.end, words, among=among)
+            words = {"pressure": curve.pressure[-1]}
+            yield _Found(curve.name, curve.end, words, among=len(evidence.bent))
 
 
 def _opposite_angles(evidence: _Evidence) -> Iterator[_Found]:
@@ -922,14 +919,8 @@ def _angles(evidence: _Evidence) -> Iterator[_Found]:
         else:
             column, value, unit, units = "bend_angle_deg", angle, "degrees", ANGLE_UNITS
             source, other = "curvature", f"{by_curvature / DEGREE:.3g}°"
-        words = {
-            "times": _times(factor),
-            "source": source,
-            "other": other,
-            "guess": _likely(factor, units, NEAR_UNIT),
-            "unit": unit,
-            "length": 1e3 * length,
-        }
+        words = _compared(factor, units, NEAR_UNIT)
+        words |= {"source": source, "other": other, "unit": unit, "length": 1e3 * length}
         yield _Found(curve.name, value, words, among=len(evidence.bent), column=column)
 
 
@@ -971,10 +962,9 @@ def implied_lengths(actuator: pd.DataFrame) -> pd.DataFrame:
     """Return the range of the ratio of angle to curvature [m] that rounding allows."""
     bend, angle = actuator["curvature_per_m"], actuator["bend_angle_deg"]
     size, turned = bend.abs(), DEGREE * angle * np.sign(bend)
-    of_bend, of_angle = (
-        one.groupby(actuator["specimen_id"]).transform(_half_digit) for one in (bend, angle)
-    )
-    of_angle = DEGREE * of_angle
+    by_specimen = actuator["specimen_id"]
+    of_bend = bend.groupby(by_specimen).transform(_half_digit)
+    of_angle = DEGREE * angle.groupby(by_specimen).transform(_half_digit)
     with np.errstate(divide="ignore", invalid="ignore"):
         most = ((turned + of_angle) / (size - of_bend)).where(size > of_bend, np.inf)
     least = (turned - of_angle) / (size + of_bend)
@@ -1126,9 +1116,8 @@ def _wrong_volumes(evidence: _Evidence) -> Iterator[_Found]:
     table, values, logs = _volumes_over_swept(evidence)
     log_factor = float(np.median(logs)) if len(logs) else 0.0
     if abs(log_factor) > np.log(IMPOSSIBLE_VOLUME):
-        factor = _factor(log_factor)
-        guess = _likely(factor, VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)
-        yield _Found(table.index[0], float(values[0]), {"times": _times(factor), "guess": guess})
+        words = _compared(_factor(log_factor), VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)
+        yield _Found(table.index[0], float(values[0]), words)
 
 
 def _odd_volumes(evidence: _Evidence) -> Iterator[_Found]:
@@ -1165,13 +1154,8 @@ def _odd_actuators(evidence: _Evidence) -> Iterator[_Found]:
         exact = float(np.median([ratio(curve, other) for other in near]))
         factor = exact if np.isfinite(exact) and exact > 0.0 else _factor(off[i])
         slip = "likely a different unit, a slipped decimal point or a swapped label"
-        words = {
-            "times": _times(factor),
-            "at_same": at_same,
-            "names": ", ".join(c.name for c in near[:3]),
-            "guess": _likely(factor, units, NEAR_UNIT, otherwise=slip),
-            "unit": unit,
-        }
+        words = _compared(factor, units, NEAR_UNIT, otherwise=slip)
+        words |= {"at_same": at_same, "names": ", ".join(c.name for c in near[:3]), "unit": unit}
         impossible = bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR))
         yield _Found(curve.name, value, words, impossible, is_alone=True, column=column)
 
@@ -1297,7 +1281,10 @@ _SIGNS = ("stretch", "compression", "sign")
 _ODD = "that of the specimens nearest in D_R; {guess}"
 _COMPARE = "compare with the test record, or leave the specimen out"
 _FROM_REST = "which must be subtracted from every reading"
-_AGAINST = ("backwards", "opposite", "angle")
+_SIGN = ("backwards", "opposite")
+_AGAINST = (*_SIGN, "angle")
+_BENDING = (*_AGAINST, "wound", "compliance")
+_VOLUME = (*_BENDING, "shrunk", "volume at rest")
 
 OF_FILMS = (
     _Check(
@@ -1420,7 +1407,7 @@ OF_BENDING = (
         *(_ACTUATORS, "bend_angle_deg", _angles),
         "is {times} the value from the {source} in the same row ({other}); {guess}",
         "give {unit}, and check the length in study.toml (arc length {length:.3g} mm)",
-        unless=("backwards", "opposite"),
+        unless=_SIGN,
     ),
     _Check(
         "wound",
@@ -1443,14 +1430,14 @@ OF_BENDING = (
         *(_ACTUATORS, "cavity_volume_ml", _shrunk),
         "is negative at the largest pressure, although pressure widens the chambers",
         "give the increase of the volume over that at zero pressure as positive",
-        unless=(*_AGAINST, "wound", "compliance"),
+        unless=_BENDING,
     ),
     _Check(
         "volume at rest",
         *(_ACTUATORS, "cavity_volume_ml", _volumes_at_rest),
         f"is the volume at zero pressure, {_FROM_REST}",
         "subtract it from the volumes of this specimen, so that the first is 0",
-        unless=(*_AGAINST, "wound", "compliance", "shrunk"),
+        unless=(*_BENDING, "shrunk"),
     ),
     _Check(
         "volume",
@@ -1458,14 +1445,14 @@ OF_BENDING = (
         "is, like the others, {times} the volume swept by width, height and bend angle of the "
         "actuator; {guess}",
         "give ml (cm³); otherwise check [actuator] in study.toml, in mm",
-        unless=(*_AGAINST, "wound", "compliance", "shrunk", "volume at rest"),
+        unless=_VOLUME,
     ),
     _Check(
         "odd volume",
         *(_ACTUATORS, "cavity_volume_ml", _odd_volumes),
         f"makes the volume at the same bending {{times}} {_ODD}",
         f"give ml; {_COMPARE}",
-        unless=(*_AGAINST, "wound", "compliance", "shrunk", "volume at rest", "volume"),
+        unless=(*_VOLUME, "volume"),
     ),
     _Check(
         "computed",
