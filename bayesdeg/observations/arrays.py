@@ -89,17 +89,17 @@ def histories(conditions: Conditions) -> NDArray[np.str_]:
 def chosen[T](data: T, rows: Rows) -> T:
     """Select specimens from a frozen dataclass whose fields have one entry per specimen.
 
-    A field may be None: nothing was recorded.
+    A single value is that of all specimens.
     """
     found: dict[str, Any] = {}
     for field in fields(data):  # type: ignore[arg-type]
         value = getattr(data, field.name)
-        if value is None:
-            continue
         if isinstance(value, tuple):
             found[field.name] = tuple(value[i] for i in rows)
-        else:
-            found[field.name] = chosen(value, rows) if is_dataclass(value) else value[rows]
+        elif is_dataclass(value):
+            found[field.name] = chosen(value, rows)
+        elif value.ndim:
+            found[field.name] = value[rows]
     changed: T = replace(data, **found)  # type: ignore[type-var]
     return changed
 

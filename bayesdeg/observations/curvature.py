@@ -173,9 +173,9 @@ class ActuatorCurves:
     mount : array of str, shape (n_specimens, n_points)
         Mount of the specimen.
     temperature : array, shape (n_specimens, n_points), optional
-        Of the room [°C]; nan where not recorded.
+        Of the room [°C]; nan where not recorded, the default.
     batch : array of int, shape (n_specimens, 1), optional
-        Number of its batch, see `bayesdeg.data.batches.batch_numbers`.
+        Number of its batch, see `bayesdeg.data.batches.batch_numbers`; by default 0.
     batch_name : array of str, shape (n_specimens, 1), optional
         Name of its batch; empty where none is recorded.
     """
@@ -197,9 +197,9 @@ class ActuatorCurves:
     time: Floats
     humidity: Floats
     mount: NDArray[np.str_]
-    temperature: Floats | None = None
-    batch: NDArray[np.int64] | None = None
-    batch_name: NDArray[np.str_] | None = None
+    temperature: Floats = field(default_factory=lambda: np.array(np.nan))
+    batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
+    batch_name: NDArray[np.str_] = field(default_factory=lambda: np.array(""))
 
     @cached_property
     def conditions(self) -> Conditions:
@@ -212,8 +212,8 @@ class ActuatorCurves:
             unloading=self.branch == "unloading",
             humidity=self.humidity,
             mount=self.mount,
-            temperature=np.array(np.nan) if self.temperature is None else self.temperature,
-            batch=np.array(0) if self.batch is None else self.batch,
+            temperature=self.temperature,
+            batch=self.batch,
         )
 
     @cached_property
@@ -705,16 +705,13 @@ def common_error(state: State[FilmsAndActuators], data: ActuatorCurves) -> Float
     g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit variance on average over pressures
     and degradation rates; without u₂, g = u₀ √(2/3) + u₁ (2 p/p_max − 1).
     """
-    names = ("emulator_error_level", "emulator_error_pressure", "emulator_error_degradation")
-    level, by_pressure, by_degradation = (
-        state.values[name][:, None, None] if name in state.values else None for name in names
-    )
-    assert level is not None
-    assert by_pressure is not None
+    given = {name: value[:, None, None] for name, value in state.values.items()}
+    level, by_pressure = given["emulator_error_level"], given["emulator_error_pressure"]
     pressures = 2.0 * data.pressure / state.world.largest_pressure - 1.0
-    if by_degradation is None:
+    if "emulator_error_degradation" not in given:
         alone: Floats = level * np.sqrt(2.0 / 3.0) + by_pressure * pressures
         return alone
+    by_degradation = given["emulator_error_degradation"]
     rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
     error: Floats = (level / np.sqrt(3.0) + by_degradation * rates) + by_pressure * pressures
     return error

@@ -76,9 +76,9 @@ class TensileCurves:
     mask : array of bool, shape (n_specimens, n_points)
         Where there is an observation.
     temperature : array, shape (n_specimens,), optional
-        Of the room [°C]; nan where not recorded.
+        Of the room [°C]; nan where not recorded, the default.
     batch : array of int, shape (n_specimens,), optional
-        Number of its batch, see `bayesdeg.data.batches.batch_numbers`.
+        Number of its batch, see `bayesdeg.data.batches.batch_numbers`; by default 0.
     """
 
     specimens: tuple[str, ...]
@@ -90,8 +90,8 @@ class TensileCurves:
     stress: Floats
     cauchy: Flags
     mask: Flags
-    temperature: Floats | None = None
-    batch: NDArray[np.int64] | None = None
+    temperature: Floats = field(default_factory=lambda: np.array(np.nan))
+    batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
 
     @cached_property
     def conditions(self) -> FilmConditions:
@@ -101,8 +101,8 @@ class TensileCurves:
             np.array(self.modes),
             self.cauchy,
             self.degradation,
-            np.array(np.nan) if self.temperature is None else self.temperature,
-            np.array(0) if self.batch is None else self.batch,
+            self.temperature,
+            self.batch,
         )
 
     @cached_property
