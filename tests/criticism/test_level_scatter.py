@@ -167,8 +167,6 @@ def test_warmth_is_looked_at_where_it_was_recorded():
         linear.subject.data_of(Curvature).tests,
         batch=np.array(0),
         temperature=warm * np.ones(POINTS),
-        batch=np.array(0),
-        temperature=warm * np.ones(POINTS),
     )
     subject = linear.subject.with_observations(*data_of_actuators(tests, linear.subject.base))
     same = linearise(subject, linear.mode, uncertain=uncertain, centre=linear.mode)
