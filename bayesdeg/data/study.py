@@ -737,8 +737,11 @@ def _assemble(
         recorded={name: table.recorded for name, table in tables.items()},
         passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
         others={name: frame for name, frame in frames.items() if name not in TABLES},
+        line_points=None,
         unread=tuple(unread),
         digits={name: digit for t in tables.values() for name, digit in t.digits.items()},
+        photographs=(),
+        captured=(),
     )
 
 
