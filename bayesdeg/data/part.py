@@ -10,7 +10,7 @@ import importlib
 import io
 from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -200,17 +200,13 @@ def outer_sides(cells: Indices) -> Indices:
     >>> len(outer_sides(np.arange(8)[None])), len(outer_sides(np.arange(4)[None]))
     (6, 4)
     """
-    local = _sides_of(cells)
+    local = SIDES_OF_TETRAHEDRON if cells.shape[1] == 4 else SIDES
     sides = cells[:, local].reshape(-1, local.shape[1])
     _, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
     outer: Indices = sides[np.sort(first[count == 1])]
     return outer
-
-
-def _sides_of(cells: Indices) -> Indices:
-    return SIDES_OF_TETRAHEDRON if cells.shape[1] == 4 else SIDES
 
 
 def _marked(mesh: Any, name: str, outer: Indices, count: int) -> Flags | None:
@@ -383,7 +379,12 @@ def _distinct(values: Floats, tolerance: float) -> int:
 
 def _moved(part: PartMesh) -> PartMesh:
     """Put the clamp at x = 0, the lowest point at z = 0, and the symmetry or middle at y = 0."""
-    points = _flattened(part)
+    points = part.points.copy()
+    # faces are searched in planes, and a file with few digits has rounded points
+    for name, axis in (("clamp", 0), ("tip", 0), ("symmetry", 1), ("constraint", 2)):
+        if name in part.sides:
+            nodes = np.unique(part.sides[name])
+            points[nodes, axis] = np.median(points[nodes, axis])
     points[:, 0] -= points[:, 0].min()
     points[:, 2] -= points[:, 2].min()
     if part.is_half:
@@ -391,23 +392,10 @@ def _moved(part: PartMesh) -> PartMesh:
         if points[:, 1].mean() < 0.0:  # only the other half was meshed: mirror it
             points[:, 1] *= -1.0
             mirrored = [0, 2, 1, 3] if part.is_tetrahedral else [3, 2, 1, 0, 7, 6, 5, 4]
-            return PartMesh(points, part.cells[:, mirrored], part.sides, part.content)
+            return replace(part, points=points, cells=part.cells[:, mirrored])
     else:
         points[:, 1] -= 0.5 * (points[:, 1].min() + points[:, 1].max())
-    return PartMesh(points, part.cells, part.sides, part.content)
-
-
-def _flattened(part: PartMesh) -> Floats:
-    """Return the points with those of each plane boundary exactly in one plane.
-
-    Faces are searched in planes; a file with few digits has rounded points.
-    """
-    points = part.points.copy()
-    for name, axis in (("clamp", 0), ("tip", 0), ("symmetry", 1), ("constraint", 2)):
-        if name in part.sides:
-            nodes = np.unique(part.sides[name])
-            points[nodes, axis] = np.median(points[nodes, axis])
-    return points
+    return replace(part, points=points)
 
 
 def _place(at: Floats) -> str:

@@ -460,7 +460,19 @@ class _Evidence:
     @cached_property
     def curves(self) -> list[_Curve]:
         """Curves of specimens that have readings under pressure."""
-        return [] if self.study.actuator is None else _curves(self.study.actuator)
+        found: list[_Curve] = []
+        if self.study.actuator is None:
+            return found
+        first = _first_loading(self.study.actuator)
+        for name, rows in first.groupby("specimen_id", sort=False):
+            read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
+            read = read.sort_values("pressure_kPa", kind="stable")
+            if len(read):
+                columns = ("pressure_kPa", "curvature_per_m", "bend_angle_deg")
+                arrays = (read[column].to_numpy(np.float64) for column in columns)
+                rate = float(read["degradation_pct"].iloc[0])
+                found.append(_Curve(str(name), rate, *arrays))
+        return found
 
     @cached_property
     def bent(self) -> list[_Curve]:
@@ -503,19 +515,6 @@ def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:
     """Return the rows before any creep, softening or set."""
     first = actuator.groupby("specimen_id")["cycle"].transform("min")
     return actuator[(actuator["cycle"] == first) & (actuator["branch"] == "loading")]
-
-
-def _curves(actuator: pd.DataFrame) -> list[_Curve]:
-    """Return the curves of specimens that have readings under pressure."""
-    found = []
-    for name, rows in _first_loading(actuator).groupby("specimen_id", sort=False):
-        read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
-        read = read.sort_values("pressure_kPa", kind="stable")
-        if len(read):
-            columns = ("pressure_kPa", "curvature_per_m", "bend_angle_deg")
-            arrays = (read[column].to_numpy(np.float64) for column in columns)
-            found.append(_Curve(str(name), float(read["degradation_pct"].iloc[0]), *arrays))
-    return found
 
 
 def bending_of_beam(mould: Mould) -> float:

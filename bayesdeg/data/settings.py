@@ -929,20 +929,17 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     except RecursionError:
         return Settings(), (_TOO_DEEP,)
     except ValueError as error:
-        return Settings(), (_invalid(str(error), text),)
+        message, lines = str(error), text.splitlines()
+        found = re.search(r"at line (\d+)", message)
+        row = int(found[1]) if found else max(1, len(lines))
+        shown = lines[row - 1].strip() if row <= len(lines) else None
+        why = re.sub(r" \(at .*\)$", "", message)
+        problem = f"is not valid TOML: {why[:1].lower()}{why[1:]}"
+        remedy = "write key = value, texts in quotes"
+        return Settings(), (Fault(FILE, problem, remedy, row, value=shown),)
     if too_deep(document):
         return Settings(), (_TOO_DEEP,)
     return _from_document(document, _Source(text))
-
-
-def _invalid(message: str, text: str) -> Fault:
-    found = re.search(r"at line (\d+)", message)
-    row = int(found[1]) if found else max(1, len(text.splitlines()))
-    lines = text.splitlines()
-    value = lines[row - 1].strip() if row <= len(lines) else None
-    reason = re.sub(r" \(at .*\)$", "", message)
-    problem = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}"
-    return Fault(FILE, problem, "write key = value, texts in quotes", row, value=value)
 
 
 @plain_dataclass(frozen=True)
@@ -1145,14 +1142,14 @@ def _read_priors(
 ) -> tuple[dict[str, Distribution], list[Fault]]:
     priors, faults = {}, []
     for name, value in _flattened(table).items():
-        if not isinstance(value, dict):
-            remedy = 'write for example { law = "normal", mean = 0.6, sd = 0.1 }'
-            faults.append(source.fault("priors", name, "is not a law", remedy, value))
-            continue
-        try:
-            priors[name] = law_from_mapping(value)
-        except ValueError as error:
-            faults.append(source.fault("priors", name, "is not a law", str(error), value))
+        remedy = 'write for example { law = "normal", mean = 0.6, sd = 0.1 }'
+        if isinstance(value, dict):
+            try:
+                priors[name] = law_from_mapping(value)
+                continue
+            except ValueError as error:
+                remedy = str(error)
+        faults.append(source.fault("priors", name, "is not a law", remedy, value))
     return priors, faults
 
 
@@ -1215,10 +1212,8 @@ def _wrong_layer(tables: Mapping[str, Any], source: _Source) -> Iterator[Fault]:
     if layer.get("kind") == "elastomer":
         for name, unit in {"thickness": "mm", "C1": 'MPa, with unit = "MPa"'}.items():
             if name not in layer.keys() | paper.keys():
-                problem, remedy = (
-                    f"is an elastomer without {name}",
-                    f"give [constraint] {name} in {unit}",
-                )
+                problem = f"is an elastomer without {name}"
+                remedy = f"give [constraint] {name} in {unit}"
                 yield source.fault("constraint", "kind", problem, remedy, "elastomer")
         return
     for key in ("C1", "C2", "C3", "unit"):

@@ -523,7 +523,25 @@ def parts_of(state: State[FilmsAndActuators], data: AtPressures) -> ActuatorMate
 
 def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats) -> Predicted:
     """Predict readings at these deviations of ln stiffness, (n, n_specimens, 1)."""
-    return _readings(data, state.values, *_predictions(state, data, deviation))
+    values, (mechanics, prediction) = state.values, _predictions(state, data, deviation)
+    noise = values["curvature_noise"][:, None, None] * prediction.curvature
+    floor = values["curvature_noise_floor"][:, None, None]
+    mean, slope = prediction.curvature, -prediction.slope
+    variance = floor**2 + noise**2 + prediction.sd**2 + data.curvature_sd**2
+    if not data.with_angle:
+        return Predicted(prediction, mean, slope, variance)
+    angle = prediction.bend_angle
+    # the bottom line's length hardly depends on pressure: angle and curvature are proportional
+    growth = mechanics.slope / np.where(mechanics.curvature == 0.0, np.inf, mechanics.curvature)
+    noise = values["bend_angle_noise"][:, None, None] * angle
+    floor = values["bend_angle_noise_floor"][:, None, None]
+    of_angle = floor**2 + noise**2 + prediction.bend_angle_sd**2 + data.angle_sd**2
+    return Predicted(
+        prediction,
+        np.concatenate([mean, angle], axis=-1),
+        np.concatenate([slope, -angle * growth], axis=-1),
+        np.concatenate([variance, of_angle], axis=-1),
+    )
 
 
 def mechanics_inputs(
@@ -715,31 +733,6 @@ def common_error(state: State[FilmsAndActuators], data: ActuatorCurves) -> Float
     rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
     error: Floats = (level / np.sqrt(3.0) + by_degradation * rates) + by_pressure * pressures
     return error
-
-
-def _readings(
-    data: ActuatorCurves, values: Named, mechanics: Prediction, prediction: Prediction
-) -> Predicted:
-    noise = values["curvature_noise"][:, None, None] * prediction.curvature
-    floor = values["curvature_noise_floor"][:, None, None]
-    mean, slope = prediction.curvature, -prediction.slope
-    variance = floor**2 + noise**2 + prediction.sd**2 + data.curvature_sd**2
-    if not data.with_angle:
-        return Predicted(prediction, mean, slope, variance)
-    angle = prediction.bend_angle
-    # the bottom line's length hardly depends on pressure: angle and curvature are proportional
-    growth = mechanics.slope / np.where(mechanics.curvature == 0.0, np.inf, mechanics.curvature)
-    noise = values["bend_angle_noise"][:, None, None] * angle
-    floor = values["bend_angle_noise_floor"][:, None, None]
-    return Predicted(
-        prediction,
-        np.concatenate([mean, angle], axis=-1),
-        np.concatenate([slope, -angle * growth], axis=-1),
-        np.concatenate(
-            [variance, floor**2 + noise**2 + prediction.bend_angle_sd**2 + data.angle_sd**2],
-            axis=-1,
-        ),
-    )
 
 
 @dataclass(frozen=True)
