@@ -3,6 +3,9 @@
 The degradation rate D_R is a proxy: the loss of retained water, not of mass. Eq. 4 divides by the
 moist mass (wet basis), the control experiment behind Eq. 6 by the dry mass (dry basis). D_R is on
 the wet basis throughout; code that needs the dry basis converts it here.
+
+Arguments broadcast. Masses are above 0 and in one unit, moisture contents in percent and on one
+basis; those called initial are before degradation.
 """
 
 from dataclasses import dataclass
@@ -22,11 +25,6 @@ def moisture_content(mass_equilibrated: npt.ArrayLike, mass_dry: npt.ArrayLike) 
 
     .. math:: M_C = 100 (M_0 - M_d) / M_0
 
-    Parameters
-    ----------
-    mass_equilibrated, mass_dry : array_like, broadcastable
-        M_0 and M_d, both above 0, in the same unit.
-
     Examples
     --------
     1.00 g of film that dries to 0.80 g held 20 % moisture.
@@ -43,11 +41,6 @@ def moisture_content_dry_basis(mass_equilibrated: npt.ArrayLike, mass_dry: npt.A
 
     .. math:: M_C = 100 (M_{e} - M') / M'
 
-    Parameters
-    ----------
-    mass_equilibrated, mass_dry : array_like, broadcastable
-        M_e and M', both above 0, in the same unit.
-
     Examples
     --------
     The same film holds 0.20 g of water on 0.80 g.
@@ -60,14 +53,11 @@ def moisture_content_dry_basis(mass_equilibrated: npt.ArrayLike, mass_dry: npt.A
 
 
 def degradation_rate(moisture: npt.ArrayLike, moisture_initial: npt.ArrayLike) -> Floats:
-    r"""Compute the degradation rate, Eq. 3 [%]; scatter may make it slightly negative.
+    r"""Compute the degradation rate from mean moisture contents, Eq. 3 [%].
+
+    Scatter may make it slightly negative.
 
     .. math:: D_R = -100 (M_C - M_{C0}) / M_{C0}
-
-    Parameters
-    ----------
-    moisture, moisture_initial : array_like, broadcastable
-        Mean moisture contents after and before degradation, on the same basis [%].
 
     Examples
     --------
@@ -107,14 +97,9 @@ def to_dry_basis(degradation_pct: npt.ArrayLike, *, moisture_initial_pct: npt.Ar
 
 
 def mass_loss(mass: npt.ArrayLike, mass_initial: npt.ArrayLike) -> Floats:
-    r"""Compute the mass loss, Eq. 5 [%].
+    r"""Compute the mass loss from dry masses, Eq. 5 [%].
 
     .. math:: M_{loss} = -100 (M' - M'_0) / M'_0
-
-    Parameters
-    ----------
-    mass, mass_initial : array_like, broadcastable
-        Dry masses M' and M'_0 after and before degradation, in the same unit.
 
     Examples
     --------

@@ -2,7 +2,10 @@
 
 Source: doi:10.3389/frobt.2021.760485. Only water is lost; gelatin and glycerol stay. Eqs 10–11
 define α as conditioned over cured volume (V_2/V_1), the text says "before and after curing" and
-Eq. 17 uses V/V_0, so conditioned over poured volume is offered too.
+Eq. 17 uses V/V_0.
+
+Masses of a film [g] are m_0 as poured, m_1 as cured and m_2 as conditioned; ``mass`` is that of the
+same film in any of these states. They broadcast; the mixture is `USUAL` unless stated.
 """
 
 import math
@@ -27,15 +30,6 @@ def component_masses(
     mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture = USUAL
 ) -> tuple[Floats, Floats, Floats]:
     """Compute the masses of gelatin, glycerol and water in a film, Eqs 12–14 [g].
-
-    Parameters
-    ----------
-    mass_poured : array_like
-        m_0 [g].
-    mass : array_like, broadcastable
-        The same film in any later state, m_0, m_1 or m_2 [g].
-    mixture : Mixture
-        By default `USUAL`.
 
     Raises
     ------
@@ -68,13 +62,6 @@ def film_volume(
     r"""Compute the volume of a film as the sum of its components, Eqs 7–10 [cm³].
 
     .. math:: V = m_{Gel}/\rho_{Gel} + m_{Gly}/\rho_{Gly} + m_w/\rho_w
-
-    Parameters
-    ----------
-    mass_poured, mass : array_like, broadcastable
-        m_0 and the mass in the requested state [g].
-    mixture : Mixture
-        By default `USUAL`.
 
     Examples
     --------
@@ -118,13 +105,6 @@ def density_by_mass_average(
     The correct mass-weighted mean is harmonic, so this is about 2 % too high; it reproduces the
     source.
 
-    Parameters
-    ----------
-    mass_poured, mass : array_like, broadcastable
-        m_0 and m_1 [g].
-    mixture : Mixture
-        By default `USUAL`.
-
     Examples
     --------
     (5.4545 × 1.35 + 2.7273 × 1.26 + 6.8182)/15, where the exact value is 15/13.0231 = 1.1518:
@@ -153,13 +133,6 @@ def volume_ratio(
 
     with the exact V_1 of `film_volume`.
 
-    Parameters
-    ----------
-    mass_poured, mass_cured, mass_conditioned : array_like, broadcastable
-        m_0, m_1, m_2 [g].
-    mixture : Mixture
-        By default `USUAL`.
-
     Examples
     --------
     1 − 5/13.0231:
@@ -182,13 +155,6 @@ def volume_ratio_by_mass_average(
     .. math:: \alpha = 1 + \frac{m_2 - m_1}{\rho_w} \frac{\rho_1}{m_1}
 
     with the density of `density_by_mass_average`.
-
-    Parameters
-    ----------
-    mass_poured, mass_cured, mass_conditioned : array_like, broadcastable
-        m_0, m_1, m_2 [g].
-    mixture : Mixture
-        By default `USUAL`.
 
     Examples
     --------
@@ -226,12 +192,7 @@ class Mean:
 
 
 def mean_of_replicates(values: npt.ArrayLike) -> Mean:
-    """Average replicate films.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        One value a film, at least one film.
+    """Average replicate films, at least one, with one value each.
 
     Raises
     ------
@@ -258,13 +219,6 @@ def recipe_error(masses: Masses, recipe: MixtureRecipe) -> float:
 
     over its parts and densities x. All films share the recipe, so this error does not decrease with
     their number; it adds in squares to the standard error of the mean.
-
-    Parameters
-    ----------
-    masses : tuple of numpy.ndarray
-        m_0, m_1, m_2 of each film [g].
-    recipe : MixtureRecipe
-        Its values and their standard uncertainties.
 
     Examples
     --------
@@ -307,13 +261,6 @@ def film_masses(table: pd.DataFrame) -> Masses:
 def mean_over_films(masses: Masses, recipe: MixtureRecipe) -> tuple[Mean, float]:
     """Average α over films, with their independent errors and that of the recipe.
 
-    Parameters
-    ----------
-    masses : tuple of numpy.ndarray
-        m_0, m_1, m_2 of each film [g].
-    recipe : MixtureRecipe
-        Recipe of all films.
-
     Returns
     -------
     mean : Mean
@@ -355,11 +302,6 @@ def mean_as_printed(masses: Masses, recipe: MixtureRecipe) -> Mean:
 
 def linear_scale(volume_ratio: npt.ArrayLike) -> Floats:
     """Compute the length of the part over that of the mould, s = α^(1/3), for equal shrinkage.
-
-    Parameters
-    ----------
-    volume_ratio : array_like
-        α, above 0 [–].
 
     Examples
     --------
