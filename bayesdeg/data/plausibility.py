@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -230,15 +231,13 @@ def times_stiffer(study: Study, expected: Expected) -> float:
             moduli = {"rate": rows["degradation_pct"].fillna(0.0), "c1": rows["value"] / 6.0}
             c1 = pd.DataFrame({k: [*c1[k], *moduli[k]] for k in moduli}, dtype=float)
         c1 = c1[c1["c1"] > 0.0]
-        log_factor, impossible = _off_prior(
-            np.log(c1["c1"].to_numpy(float)), c1["rate"].to_numpy(float), expected.c1
-        )
-        if impossible is None or not SOFTEST <= c1["c1"].median() <= STIFFEST:
+        off = _off_prior(*_logs_and_rates(c1, "c1"), expected.c1)
+        if not off.is_unlikely or not SOFTEST <= c1["c1"].median() <= STIFFEST:
             return 1.0
         evidence = _Evidence(study, expected)
         if evidence.off_bending(c1.iloc[:0]) < evidence.off_bending(c1):
             return 1.0
-    return _factor(log_factor)
+    return _factor(off.log_factor)
 
 
 def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
@@ -325,22 +324,25 @@ def _prior_at(laws: Mapping[float, Distribution], rates: Floats) -> tuple[Floats
     return median, np.maximum(np.interp(rates, at, quantiles[:, 1]) - median, 1e-6)
 
 
-def _off_prior(
-    logs: Floats, rates: Floats, laws: Mapping[float, Distribution]
-) -> tuple[float, bool | None]:
-    """Return ln of the median over its prior, and whether that is impossible.
+class _OffPrior(NamedTuple):
+    """ln of a median over its prior, and what to think of it."""
 
-    The second is None if it is plausible.
-    """
+    log_factor: float = 0.0
+    is_unlikely: bool = False
+    is_impossible: bool = False
+
+
+def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Distribution]) -> _OffPrior:
+    """Compare the median of logarithms with its prior."""
     median, sd = _prior_at(laws, rates)
     off = logs - median
     if not np.any(np.isfinite(off)):
-        return 0.0, None
+        return _OffPrior()
     log_factor, sds = float(np.nanmedian(off)), float(np.nanmedian(np.abs(off) / sd))
     if abs(log_factor) < np.log(LEAST_FACTOR_TO_PRIOR) or sds < UNLIKELY_SDS:
-        return log_factor, None
+        return _OffPrior(log_factor)
     impossible = abs(log_factor) >= np.log(IMPOSSIBLE_FACTOR) and sds >= IMPOSSIBLE_SDS
-    return log_factor, bool(impossible)
+    return _OffPrior(log_factor, True, bool(impossible))
 
 
 def _factor(log_factor: float) -> float:
@@ -430,9 +432,8 @@ class _Evidence:
         """
         if not self.are_films_doubtful:
             return self.films
-        logs, rates = _logs_and_rates(self.films, "c1")
-        log_factor, impossible = _off_prior(logs, rates, self.expected.c1)
-        units = [] if impossible is None else _stress_units(self.films, log_factor)
+        off = _off_prior(*_logs_and_rates(self.films, "c1"), self.expected.c1)
+        units = _stress_units(self.films, off.log_factor) if off.is_unlikely else []
         tried = [self.films.assign(c1=self.films["c1"] / STRESS_UNITS[unit]) for unit in units]
         return min(tried, key=self.off_bending, default=self.films.iloc[:0])
 
@@ -685,20 +686,20 @@ def _stress_units(films: pd.DataFrame, log_factor: float) -> list[str]:
 def _moduli(evidence: _Evidence) -> Iterator[_Found]:
     films, laws = evidence.films, evidence.expected.c1
     logs, rates = _logs_and_rates(films, "c1")
-    log_factor, impossible = _off_prior(logs, rates, laws)
-    if impossible is None:
+    off = _off_prior(logs, rates, laws)
+    if not off.is_unlikely:
         return
     c1 = films["c1"].to_numpy(float)
     middle = int(np.argmin(np.abs(np.log(c1 / np.median(c1)))))
-    units = _stress_units(films, log_factor)
+    units = _stress_units(films, off.log_factor)
     words = {
         "c1": c1[middle],
-        "times": _times(_factor(log_factor)),
+        "times": _times(_factor(off.log_factor)),
         "prior": np.exp(_prior_at(laws, rates[[middle]])[0][0]),
         "rate": " at this degradation rate" if rates.any() else "",
         "guess": f"likely in {' or '.join(units)}" if units else OTHER_UNIT,
     }
-    impossible = impossible or not SOFTEST <= np.median(c1) <= STIFFEST
+    impossible = off.is_impossible or not SOFTEST <= np.median(c1) <= STIFFEST
     yield _Found(films.index[middle], float(films["stress"].iloc[middle]), words, impossible)
 
 
@@ -754,12 +755,10 @@ def _below_films(evidence: _Evidence) -> Iterator[_Found]:
 
 def _elongations_off_prior(evidence: _Evidence) -> Iterator[_Found]:
     table = _elongations(evidence)
-    log_factor, impossible = _off_prior(
-        *_logs_and_rates(table, "value"), evidence.expected.elongation
-    )
-    if impossible is not None:
-        words = _compared(_factor(log_factor), PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
-        yield _Found(table.index[0], table["value"].iloc[0], words, impossible)
+    off = _off_prior(*_logs_and_rates(table, "value"), evidence.expected.elongation)
+    if off.is_unlikely:
+        words = _compared(_factor(off.log_factor), PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
+        yield _Found(table.index[0], table["value"].iloc[0], words, off.is_impossible)
 
 
 def _odd_elongations(evidence: _Evidence) -> Iterator[_Found]:
@@ -779,10 +778,10 @@ def _published(evidence: _Evidence, quantity: str) -> Iterator[_Found]:
     rows = summary[summary["quantity"] == quantity]
     values = rows["value"].to_numpy(float)
     rates = rows["degradation_pct"].fillna(0.0).to_numpy(float)
-    log_factor, impossible = _off_prior(np.log(values / per), rates, laws)
-    if impossible is not None:
-        words = _compared(_factor(log_factor), units, NEAR_UNIT_OF_PRIOR)
-        yield _Found(None, values[0], words, impossible)
+    off = _off_prior(np.log(values / per), rates, laws)
+    if off.is_unlikely:
+        words = _compared(_factor(off.log_factor), units, NEAR_UNIT_OF_PRIOR)
+        yield _Found(None, values[0], words, off.is_impossible)
 
 
 # ---- degradation rates and the layer
