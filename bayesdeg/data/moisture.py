@@ -230,15 +230,12 @@ class FilmDegradation:
         Of their errors; all share the mean of the undegraded films [%²].
     films : numpy.ndarray of int, shape (n_times,)
         Number of films.
-    moisture_initial_pct : float
-        Mean moisture content of the undegraded films [%].
     """
 
     time_h: Floats
     degradation_pct: Floats
     covariance: Floats
     films: npt.NDArray[np.int64]
-    moisture_initial_pct: float
 
     @property
     def standard_error(self) -> Floats:
@@ -295,7 +292,6 @@ def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> 
         degradation_rate(mean, mean[0]),
         (100.0 / mean[0]) ** 2 * covariance,
         films.astype(np.int64),
-        float(mean[0]),
     )
 
 

@@ -476,17 +476,7 @@ class Predicted(NamedTuple):
 
 
 class AtPressures(Protocol):
-    """Tests of actuators at pressures, with any kind of reading.
-
-    Parameters
-    ----------
-    specimens : tuple of str
-        One per test.
-    degradation, degradation_sd : array, shape (n_specimens, 1)
-        D_R as measured and its standard error [%].
-    conditions : Conditions
-        Set and recorded conditions.
-    """
+    """Tests of actuators at pressures, with any kind of reading, as `PressureTests`."""
 
     @property
     def specimens(self) -> tuple[str, ...]: ...  # noqa: D102

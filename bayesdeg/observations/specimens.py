@@ -501,13 +501,7 @@ def modulus_100(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()
     of_material = tuple(cause for cause in causes if cause.stage is Stage.MATERIAL)
     if not any(cause.on_stress is not None for cause in of_material):
         return stress
-    count = constants.shape[-2]
-    nominal = np.zeros((count, 1), dtype=bool)
-    tests = FilmConditions(
-        np.full((count, 1), 2.0), np.full(count, "uniaxial"), nominal, np.zeros(count)
-    )
-    acted = applied("on_stress", stress[..., None], tests, acting(of_material, values), constants)
-    return acted[..., 0]
+    return _under_causes(stress[..., None], np.array([2.0]), values, constants, of_material)[..., 0]
 
 
 def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()) -> Floats:
@@ -521,19 +515,7 @@ def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = 
     `second_invariant` of ratio x. It is computed from the causes' effect on stresses, by
     fourth-order differences, so no cause has to provide it.
 
-    Parameters
-    ----------
-    values : mapping
-        Named values with the parameters of the causes, each (n,).
-    constants : array, shape (n, S, 3)
-        Yeoh's C1, C2, C3 [MPa].
-    causes : tuple of Cause
-        Active causes.
-
-    Returns
-    -------
-    array, shape (n, S)
-        [MPa]
+    Arguments and shape are those of `modulus_100`.
 
     Examples
     --------
@@ -545,11 +527,17 @@ def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = 
     """
     if not any(cause.on_stress is not None for cause in causes):
         return rates.young_modulus(constants[..., 0])
-    count = constants.shape[-2]
-    stretch = np.broadcast_to(_AROUND_ONE, (count, len(_AROUND_ONE)))
-    nominal = np.zeros(stretch.shape, dtype=bool)
-    tests = FilmConditions(stretch, np.full(count, "uniaxial"), nominal, np.zeros(count))
     stress = constants @ yeoh_basis(_AROUND_ONE, "uniaxial").T
-    acted = applied("on_stress", stress, tests, acting(causes, values), constants)
-    slope: Floats = acted @ _STENCIL
+    slope: Floats = _under_causes(stress, _AROUND_ONE, values, constants, causes) @ _STENCIL
     return slope
+
+
+def _under_causes(
+    stress: Floats, stretch: Floats, values: Named, constants: Floats, causes: tuple[Cause, ...]
+) -> Floats:
+    """Return nominal stresses (n, S, k) of films in uniaxial tension under causes."""
+    count = constants.shape[-2]
+    stretches = np.broadcast_to(stretch, (count, len(stretch)))
+    nominal = np.zeros(stretches.shape, dtype=bool)
+    tests = FilmConditions(stretches, np.full(count, "uniaxial"), nominal, np.zeros(count))
+    return applied("on_stress", stress, tests, acting(causes, values), constants)
