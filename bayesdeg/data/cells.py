@@ -36,17 +36,7 @@ NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|na|n/a|null|none|-+|#n/a)", re.
 
 
 def read_number(text: str) -> float | tuple[str, str]:
-    """Read the number in a cell.
-
-    Parameters
-    ----------
-    text : str
-        The cell, not empty, without blanks around it.
-
-    Returns
-    -------
-    float or tuple of str
-        The number, or problem and remedy.
+    """Read the number in a cell, not empty, without blanks around it; else problem and remedy.
 
     Examples
     --------
@@ -84,12 +74,7 @@ def read_number(text: str) -> float | tuple[str, str]:
 
 
 def least_digit(texts: Iterable[str]) -> float:
-    """Return the resolution of the most finely written cell: one unit in its last digit.
-
-    Parameters
-    ----------
-    texts : iterable of str
-        Cells of a column; those that are not numbers are ignored.
+    """Return the resolution of the most finely written number: one unit in its last digit.
 
     Examples
     --------
@@ -318,12 +303,7 @@ def check_header(
     place : Fault
         Carries file and row of the header.
     required, optional : iterable of str
-        Required and optional columns.
-
-    Returns
-    -------
-    dict of str to Fault
-        One for each expected column, not for each row.
+        Expected columns, each with at most one fault.
 
     Examples
     --------

@@ -180,15 +180,7 @@ class Expected:
 
 
 def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
-    """Return what is impossible or unlikely in a study, file by file.
-
-    Parameters
-    ----------
-    study : Study
-        A study whose tables have no faults.
-    expected : Expected
-        Expectations from its priors.
-    """
+    """Return what is impossible or unlikely in a study without faults, file by file."""
     # absurd numbers overflow; their ratios are not compared
     with np.errstate(all="ignore"):
         evidence = _Evidence(study, expected)
@@ -214,15 +206,9 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
 def times_stiffer(study: Study, expected: Expected) -> float:
     """Return by what factor a study's material is stiffer than expected, if it is a different one.
 
-    1 where it is as expected, where no elastomer has the C1 of its films or moduli, and where
-    actuators bend as the expected material would: then a unit is wrong.
-
-    Parameters
-    ----------
-    study : Study
-        A study whose tables have no faults.
-    expected : Expected
-        Expectations from priors of a different material, none stated for this one.
+    The priors are those of a different material, none stated for this one. The factor is 1 where it
+    is as expected, where no elastomer has the C1 of its films or moduli, and where actuators bend
+    as the expected material would: then a unit is wrong.
     """
     with np.errstate(all="ignore"):
         c1 = film_moduli(study.tensile)[["rate", "c1"]]
@@ -601,11 +587,6 @@ def film_moduli(tensile: pd.DataFrame | None) -> pd.DataFrame:
     The stress of a neo-Hookean solid over :math:`2 (\lambda - \lambda^{-n})`, with n of 2, 3 or 5
     in uniaxial, planar and equibiaxial tension, times λ for Cauchy stress.
 
-    Parameters
-    ----------
-    tensile : pandas.DataFrame or None
-        As in `Study`.
-
     Returns
     -------
     pandas.DataFrame
@@ -927,15 +908,6 @@ def computed_angles(actuator: pd.DataFrame) -> NDArray[np.bool_]:
 
     The length is the same on all rows, or on those of a specimen. Such an angle was not read: one
     of the two was computed from the other.
-
-    Parameters
-    ----------
-    actuator : pandas.DataFrame
-        As in `Study`.
-
-    Returns
-    -------
-    array of bool, shape (n_rows,)
 
     Examples
     --------

@@ -152,13 +152,9 @@ class Dimensions:
         return moment / (6.0 * second_moment) * self.length
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can have these dimensions.
+        """Say why no actuator can have these dimensions, one sentence per reason.
 
-        Returns
-        -------
-        tuple of str
-            One sentence per reason; empty if the dimensions are possible. Consequences of a
-            dimension that is itself impossible are omitted.
+        Consequences of a dimension that is itself impossible are omitted.
 
         Examples
         --------

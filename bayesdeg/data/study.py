@@ -105,10 +105,7 @@ def undeformed(tensile: pd.DataFrame) -> pd.Series:
 def at_rest(tables: Iterable[tuple[str, pd.DataFrame | None]]) -> tuple[Unused, ...]:
     """Return the rows of tables without load, whose readings are 0 by the laws or by definition.
 
-    Parameters
-    ----------
-    tables : iterable of (str, DataFrame or None)
-        Films or actuators, with the names of their files.
+    Tables are of films or actuators, with the names of their files.
     """
     found: list[Unused] = []
     for file, table in tables:
@@ -155,19 +152,17 @@ def check_table(
 ) -> CheckedTable:
     r"""Read one file of a study and check it against its table.
 
+    A cell that cannot be read is one fault and takes no part in further checks, so that one slip is
+    reported once.
+
     Parameters
     ----------
     content : bytes
         The file as stored.
     table : pandera.DataFrameSchema
-        One of `bayesdeg.data.tables.TABLES`.
+        Of a `bayesdeg.data.tables.Table`.
     degradation_sd_pct : float
         Standard error of a degradation rate where none is recorded [%].
-
-    Notes
-    -----
-    A cell that cannot be read is one fault and takes no part in further checks, so that one slip is
-    reported once.
 
     Examples
     --------

@@ -46,14 +46,7 @@ def row_check(
 
 
 def broken(check: pa.Check, data: pd.DataFrame | pd.Series) -> list[int]:
-    """Return the rows of a table, or of one of its columns, that break a check.
-
-    Parameters
-    ----------
-    check : pandera.Check
-        From `TABLES`.
-    data : DataFrame or Series
-        The table for a row check, else the column; missing cells pass.
+    """Return the rows of a table, for a row check, or else of a column, that break a check.
 
     Examples
     --------

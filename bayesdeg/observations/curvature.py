@@ -539,14 +539,7 @@ def mechanics_inputs(
 ) -> Inputs:
     """Return the inputs of the mechanics under causes.
 
-    Parameters
-    ----------
-    state : State
-        Named values, (n,).
-    data : AtPressures
-        The tests.
-    deviation : array, shape (n, n_specimens, 1)
-        Of each specimen's ln stiffness.
+    The deviations of the specimens' ln stiffness have shape (n, n_specimens, 1).
     """
     constants = state.once(parts_of, data).material.constants
     factor = np.exp(deviation)
@@ -832,12 +825,7 @@ class Curvature(PathReadings[ActuatorCurves]):
     ) -> Predicted:
         """Return expected readings of the actuators, with error variances.
 
-        Parameters
-        ----------
-        state : State
-            Named values, (n,).
-        deviation : array, shape (n, n_specimens, 1), optional
-            Deviation of each specimen's ln stiffness; by default 0.
+        Deviations of the specimens' ln stiffness, (n, n_specimens, 1), are 0 by default.
         """
         if deviation is None:
             deviation = np.zeros((*state.once(parts_of, self.tests).spread.shape, 1))
@@ -869,12 +857,9 @@ class Curvature(PathReadings[ActuatorCurves]):
 
     @override
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        """Draw readings of new specimens in the same tests, one set per draw.
+        """Draw readings of new specimens, (n, n_specimens, n_readings).
 
-        Returns
-        -------
-        array, shape (n, n_specimens, n_readings)
-            Curvatures [1/m], then bend angles [°]; nan where the forward map has no solution.
+        Curvatures [1/m], then bend angles [°]; nan where the forward map has no solution.
         """
         return draw_readings(state, self.tests, generator).readings
 

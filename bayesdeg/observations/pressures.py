@@ -203,12 +203,7 @@ class ReadAtPressures(PathReadings[PressureTests]):
     def answered(self, state: State[FilmsAndActuators], deviation: Floats) -> Further:
         """Return what the forward map predicts beyond the shape.
 
-        Parameters
-        ----------
-        state : State
-            Named values, (n,).
-        deviation : array, shape (n, n_specimens, 1)
-            Of each specimen's ln stiffness.
+        Deviations of the specimens' ln stiffness have shape (n, n_specimens, 1).
 
         Raises
         ------

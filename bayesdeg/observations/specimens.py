@@ -259,16 +259,8 @@ def layer_stiffness(values: Named) -> Floats:
 def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
     """Return the variance of ln elongation at break of specimens, shape (n, S).
 
-    σ² + (d ln ε/dD_R · sd(D_R))²: scatter, and the error of the degradation rate.
-
-    Parameters
-    ----------
-    values : mapping
-        Named values, (n,).
-    slope : array, shape (n, S)
-        From `FilmsAndActuators.elongation_slope` [1/%].
-    sd : array, shape (S,) or (n, S)
-        Standard errors of the degradation rates [%].
+    σ² + (d ln ε/dD_R · sd(D_R))²: scatter, and the error of the degradation rate. The slope, (n, S)
+    [1/%], is from `FilmsAndActuators.elongation_slope`.
     """
     spread: Floats = values["elongation_scatter"][:, None] ** 2 + (slope * sd) ** 2
     return spread
@@ -347,15 +339,7 @@ class FilmsAndActuators:
         return scatter_law(self.criterion)
 
     def answer(self, inputs: Inputs, values: Named) -> Prediction:
-        """Evaluate the forward map, with the peak stretch as defined by the criterion.
-
-        Parameters
-        ----------
-        inputs : Inputs
-            Inputs of the mechanics, (n, n_specimens, n_pressures).
-        values : mapping
-            Named values, (n,).
-        """
+        """Evaluate the forward map, with the peak stretch as defined by the criterion."""
         if self.criterion == "principal_stretch":
             return self.forward(inputs)
         scatter = values["elongation_scatter"][:, None, None]
@@ -391,13 +375,6 @@ class FilmsAndActuators:
         """Return whether the material is stable at every degradation rate of the specimens, (n,).
 
         Up to the last node it is stable by construction.
-
-        Parameters
-        ----------
-        values : mapping
-            Named values, (n,).
-        levels : array
-            Degradation rates of the specimens [%].
         """
         beyond = np.unique(levels)
         beyond = beyond[beyond > self.nodes[-1]]

@@ -319,21 +319,10 @@ def log_density(data: TensileCurves, values: Named, median: Stresses) -> Floats:
 
 
 def film_readings(median: Stresses, deviation: Floats) -> tuple[Floats, Floats]:
-    """Return stresses of films with these deviations, and their derivatives.
+    """Return stresses of films, (n, n_specimens, n_points) [MPa], and their derivatives.
 
-    Parameters
-    ----------
-    median : Stresses
-        Of films without deviations.
-    deviation : array, shape (n, n_specimens, 2)
-        Of ln stiffness [–] and of the degradation rate [%].
-
-    Returns
-    -------
-    stress : array, shape (n, n_specimens, n_points)
-        [MPa].
-    slope : array, shape (n, n_specimens, n_points, 2)
-        [MPa], [MPa/%].
+    Deviations (n, n_specimens, 2) are of ln stiffness [–] and of the degradation rate [%];
+    derivatives with respect to them are (n, n_specimens, n_points, 2) [MPa], [MPa/%].
     """
     factor = np.exp(deviation[..., None, 0])
     by_rate = factor * median.by_rate
