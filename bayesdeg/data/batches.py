@@ -46,18 +46,9 @@ def batch_order(tensile: pd.DataFrame | None, actuator: pd.DataFrame | None) -> 
 
 
 def batch_numbers(table: pd.DataFrame, order: Sequence[str]) -> NDArray[np.int64]:
-    """Return the index of each specimen's batch in an order; 0 where none is recorded.
+    """Return the index of each specimen's batch in `batch_order`, (n_specimens,).
 
-    Parameters
-    ----------
-    table : DataFrame
-        Specimens are taken in order of appearance.
-    order : sequence of str
-        From `batch_order`.
-
-    Returns
-    -------
-    array of int, shape (n_specimens,)
+    0 where none is recorded. Specimens are taken in order of appearance.
 
     Examples
     --------

@@ -5,7 +5,7 @@ import io
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pandas as pd
 
@@ -36,17 +36,7 @@ NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|na|n/a|null|none|-+|#n/a)", re.
 
 
 def read_number(text: str) -> float | tuple[str, str]:
-    """Read the number in a cell.
-
-    Parameters
-    ----------
-    text : str
-        The cell, not empty, without blanks around it.
-
-    Returns
-    -------
-    float or tuple of str
-        The number, or problem and remedy.
+    """Read the number in a cell, not empty, without blanks around it; else problem and remedy.
 
     Examples
     --------
@@ -84,12 +74,7 @@ def read_number(text: str) -> float | tuple[str, str]:
 
 
 def least_digit(texts: Iterable[str]) -> float:
-    """Return the resolution of the most finely written cell: one unit in its last digit.
-
-    Parameters
-    ----------
-    texts : iterable of str
-        Cells of a column; those that are not numbers are ignored.
+    """Return the resolution of the most finely written number: one unit in its last digit.
 
     Examples
     --------
@@ -192,8 +177,28 @@ def read_cells(
             problem += f": {len(in_comments)} lines begin with # and count as comments"
             remedy = IN_QUOTES
         return None, (Fault(file, problem, remedy, header_row),)
-    cells, faults = _assemble(rows, file)
-    return replace(cells, rows_in_comments=in_comments), faults
+    good, faults = list[tuple[int, list[str]]](), list[Fault]()
+    for row, cells in rows[1:]:
+        if len(cells) == len(header):
+            good.append((row, cells))
+            continue
+        if len(cells) > len(header):
+            problem = f"has too many cells: {len(cells)}, but the header has {len(header)}"
+            remedy = (
+                "write numbers with a decimal point and no thousands separator, and put texts "
+                "that contain a comma in quotation marks"
+            )
+        else:
+            problem = f"has too few cells: {len(cells)}, but the header has {len(header)}"
+            remedy = "where nothing was recorded, leave the cell empty but keep its comma"
+        faults.append(Fault(file, problem, remedy, row, value=",".join(cells)))
+    texts = pd.DataFrame(
+        [cells for _, cells in good],
+        columns=pd.Index(header, dtype=object),
+        index=pd.Index([row for row, _ in good], name="row", dtype="int64"),
+        dtype=object,
+    )
+    return Cells(file, header_row, texts, in_comments), tuple(faults)
 
 
 def _rows_in_comments(text: str, header: list[str], header_row: int) -> tuple[int, ...]:
@@ -275,36 +280,6 @@ def _wrong_header(
     return (*faults, *(Fault(file, problem, remedy, row, name) for name in twice))
 
 
-def _assemble(rows: list[tuple[int, list[str]]], file: str) -> tuple[Cells, tuple[Fault, ...]]:
-    header_row, header = rows[0]
-    good = [(row, cells) for row, cells in rows[1:] if len(cells) == len(header)]
-    faults = tuple(
-        _ragged(cells, len(header), Fault(file, "", "", row))
-        for row, cells in rows[1:]
-        if len(cells) != len(header)
-    )
-    texts = pd.DataFrame(
-        [cells for _, cells in good],
-        columns=pd.Index(header, dtype=object),
-        index=pd.Index([row for row, _ in good], name="row", dtype="int64"),
-        dtype=object,
-    )
-    return Cells(file, header_row, texts), faults
-
-
-def _ragged(cells: list[str], wanted: int, place: Fault) -> Fault:
-    if len(cells) > wanted:
-        problem = f"has too many cells: {len(cells)}, but the header has {wanted}"
-        remedy = (
-            "write numbers with a decimal point and no thousands separator, and put texts that "
-            "contain a comma in quotation marks"
-        )
-    else:
-        problem = f"has too few cells: {len(cells)}, but the header has {wanted}"
-        remedy = "where nothing was recorded, leave the cell empty but keep its comma"
-    return Fault(place.file, problem, remedy, place.row, value=",".join(cells))
-
-
 #: Endings that mark the same quantity in a different unit.
 UNITS = frozenset(
     {"pa", "hpa", "kpa", "mpa", "gpa", "bar", "mbar", "psi", "atm", "mmhg", "n_per_mm2"}
@@ -328,12 +303,7 @@ def check_header(
     place : Fault
         Carries file and row of the header.
     required, optional : iterable of str
-        Required and optional columns.
-
-    Returns
-    -------
-    dict of str to Fault
-        One for each expected column, not for each row.
+        Expected columns, each with at most one fault.
 
     Examples
     --------
@@ -392,11 +362,11 @@ def _blame(
 
 def _in_capitals(name: str, column: str, place: Fault, *, is_there: bool) -> Fault:
     """Refuse a column name that differs from a known one only in capitals."""
-    unit = "" if column == column.lower() else " but for the unit"
-    problem = "is wrongly capitalised"
-    remedy = f"write it in lower case{unit}: {column}"
     if is_there:
         problem, remedy = f"duplicates {column} in different capitals", "remove one of them"
+    else:
+        unit = "" if column == column.lower() else " but for the unit"
+        problem, remedy = "is wrongly capitalised", f"write it in lower case{unit}: {column}"
     return Fault(place.file, problem, remedy, place.row, name)
 
 

@@ -5,7 +5,7 @@ The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 
 from dataclasses import dataclass, field, fields
 from math import hypot, isfinite, pi, sqrt
-from typing import Literal, Protocol, get_args
+from typing import ClassVar, Literal, Protocol, get_args
 
 Kind = Literal["pneunet", "ribbed", "cylindrical", "mesh"]
 ConstraintKind = Literal["paper", "film", "elastomer", "none"]
@@ -61,7 +61,10 @@ class Mould(Protocol):
         """Bend angle over p/C1 of a beam of this section, without bulging walls [rad]."""
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can have these dimensions."""
+        """Say why no actuator can have these dimensions.
+
+        For each reason what is wrong and, after a semicolon, what to do; empty if possible.
+        """
 
 
 @dataclass(frozen=True)
@@ -141,25 +144,30 @@ class Constraint:
     def problems(self, mould: Mould) -> tuple[str, ...]:
         """Say why the layer does not fit in an actuator of these valid dimensions.
 
-        Returns
-        -------
-        tuple of str
-            What is wrong and, after a semicolon, what to do; empty if it fits.
+        What is wrong and, after a semicolon, what to do; empty if it fits.
 
         Examples
         --------
         >>> Constraint(height=13.0).problems(RibbedDimensions())[0].partition("; ")[2]
         'give [constraint] height from 8.75 to 9.75 mm'
         """
-        if self.is_slab:
-            return self._wrong_constants() or self._wrong_slab(mould)
         low, high = mould.constraint_room
-        at = self.height_in(mould)
-        if low <= at <= high:
-            return ()
+        if not self.is_slab:
+            at = self.height_in(mould)
+            if low <= at <= high:
+                return ()
+            return (
+                f"the constraint layer at {at:g} mm would cut the channels or leave the actuator; "
+                f"give [constraint] height from {low:g} to {high:g} mm",
+            )
+        wrong, slack = self._wrong_constants(), 1e-9
+        bottom, top = self.slab_in(mould)
+        if wrong or (low - slack <= bottom and top <= high + slack):
+            return wrong
         return (
-            f"the constraint layer at {at:g} mm would cut the channels or leave the actuator; "
-            f"give [constraint] height from {low:g} to {high:g} mm",
+            f"an elastomer layer from {bottom:g} to {top:g} mm would cut the channels or "
+            "leave the actuator; choose [constraint] height and thickness so that it "
+            f"lies between {low:g} and {high:g} mm",
         )
 
     def _wrong_constants(self) -> tuple[str, ...]:
@@ -179,16 +187,6 @@ class Constraint:
         return (
             f"an elastomer with C2 = {self.c2:g} and C3 = {self.c3:g} kPa loses all stiffness when "
             f"stretched; give C3 of at least 0 and C2 above {lowest:g} kPa",
-        )
-
-    def _wrong_slab(self, mould: Mould) -> tuple[str, ...]:
-        room, slab, slack = mould.constraint_room, self.slab_in(mould), 1e-9
-        if room[0] - slack <= slab[0] and slab[1] <= room[1] + slack:
-            return ()
-        return (
-            f"an elastomer layer from {slab[0]:g} to {slab[1]:g} mm would cut the channels or "
-            "leave the actuator; choose [constraint] height and thickness so that it "
-            f"lies between {room[0]:g} and {room[1]:g} mm",
         )
 
 
@@ -229,6 +227,8 @@ class RibbedDimensions:
     (1.84, 9.75)
     """
 
+    kind: ClassVar[Kind] = "ribbed"
+
     length: float = 37.8
     width: float = 32.0
     height: float = 18.5
@@ -241,11 +241,6 @@ class RibbedDimensions:
     passage_width: float = 0.65
     passage_height: float = 1.34
     passive: Passive = "open"
-
-    @property
-    def kind(self) -> Kind:
-        """The family."""
-        return "ribbed"
 
     @property
     def is_mirrored(self) -> bool:
@@ -299,23 +294,16 @@ class RibbedDimensions:
         return (self.channels - 1) * self.pitch + self.channel_length
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can have these dimensions.
-
-        Returns
-        -------
-        tuple of str
-            For each reason what is wrong and, after a semicolon, what to do; empty if the
-            dimensions are possible.
+        """Say why no actuator can have these dimensions, see `Mould.problems`.
 
         Examples
         --------
         >>> RibbedDimensions(cover=7.0).problems()[0].partition("; ")[2]
         'give a smaller cover or channel_height'
         """
-        return _wrong_values(self) or self._wrong_sums() or self._wrong_passages()
-
-    def _wrong_sums(self) -> tuple[str, ...]:
-        wrong = []
+        wrong = _wrong_values(self)
+        if wrong:
+            return tuple(wrong)
         if self.channels > 1 and self.channel_length >= self.pitch:
             wrong.append(
                 f"slits {self.channel_length:g} mm long leave no ribs at a pitch of "
@@ -340,20 +328,18 @@ class RibbedDimensions:
                 f"the slits in the {half} ({room:g} mm); "
                 "give a smaller cover or channel_height"
             )
+        if not wrong and self.channels > 1:
+            sides = {
+                "width": (self.passage_width, self.channel_width),
+                "height": (self.passage_height, self.channel_height),
+            }
+            wrong = [
+                f"passage_{side} of {passage:g} mm exceeds the slits' {slit:g} mm; "
+                f"give at most channel_{side}"
+                for side, (passage, slit) in sides.items()
+                if passage > slit
+            ]
         return tuple(wrong)
-
-    def _wrong_passages(self) -> tuple[str, ...]:
-        if self.channels == 1:
-            return ()
-        return tuple(
-            f"passage_{side} of {passage:g} mm exceeds the slits' {slit:g} mm; "
-            f"give at most channel_{side}"
-            for side, passage, slit in (
-                ("width", self.passage_width, self.channel_width),
-                ("height", self.passage_height, self.channel_height),
-            )
-            if passage > slit
-        )
 
 
 @dataclass(frozen=True)
@@ -394,6 +380,8 @@ class CylindricalDimensions:
     313.6
     """
 
+    kind: ClassVar[Kind] = "cylindrical"
+
     length: float = 61.2
     width: float = 33.5
     height: float = 19.6
@@ -405,11 +393,6 @@ class CylindricalDimensions:
     offset: float = 4.9
     passive: Passive = "open"
     section: Section = "block"
-
-    @property
-    def kind(self) -> Kind:
-        """The family."""
-        return "cylindrical"
 
     @property
     def is_round(self) -> bool:
@@ -484,24 +467,14 @@ class CylindricalDimensions:
         return (self.channels - 1) * self.pitch + self.channel_width
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can have these dimensions.
-
-        Returns
-        -------
-        tuple of str
-            For each reason what is wrong and, after a semicolon, what to do; empty if the
-            dimensions are possible.
+        """Say why no actuator can have these dimensions, see `Mould.problems`.
 
         Examples
         --------
         >>> CylindricalDimensions(channel_length=70.0).problems()[0].partition("; ")[2]
         'give a smaller channel_length or a larger length'
         """
-        return (
-            _wrong_values(self)
-            or self._wrong_places() + self._wrong_heights()
-            or self._wrong_outline()
-        )
+        return tuple(_wrong_values(self)) or self._wrong_places() or self._wrong_outline()
 
     def _wrong_outline(self) -> tuple[str, ...]:
         if self.section not in SECTIONS:
@@ -540,11 +513,7 @@ class CylindricalDimensions:
                 f"width ({self.width:g} mm); give fewer or narrower channels, a smaller pitch or a "
                 "larger width"
             )
-        return tuple(wrong)
-
-    def _wrong_heights(self) -> tuple[str, ...]:
         lowest, room = 0.5 * self.channel_height, self.height - self.usual_height
-        wrong = []
         if self.offset <= lowest:
             wrong.append(
                 f"channels {self.channel_height:g} mm high, centred {self.offset:g} mm above the "
@@ -593,6 +562,8 @@ class MeshDimensions:
     'give file = "part.msh", a mesh next to study.toml'
     """
 
+    kind: ClassVar[Kind] = "mesh"
+
     file: str = ""
     mesh_error: float = UNKNOWN_MESH_ERROR
     length: float = field(default=0.0, metadata=READ)
@@ -603,11 +574,6 @@ class MeshDimensions:
     cells: str = field(default="", metadata=READ)
     path: str = field(default="", metadata=READ)
     content: str = field(default="", metadata=READ)
-
-    @property
-    def kind(self) -> Kind:
-        """The family."""
-        return "mesh"
 
     @property
     def assumption(self) -> str:
@@ -644,7 +610,7 @@ class MeshDimensions:
         return ()
 
 
-def _wrong_values(mould: RibbedDimensions | CylindricalDimensions) -> tuple[str, ...]:
+def _wrong_values(mould: RibbedDimensions | CylindricalDimensions) -> list[str]:
     lengths = [e.name for e in fields(mould) if e.name not in ("channels", "passive", "section")]
     wrong = [
         f"{name} is {value:g} mm; give {SMALLEST_MM:g} to {LARGEST_MM:g} mm"
@@ -655,4 +621,4 @@ def _wrong_values(mould: RibbedDimensions | CylindricalDimensions) -> tuple[str,
         wrong.append(f"channels is {mould.channels}; give a whole number from 1 to {MOST_CHAMBERS}")
     if mould.passive not in PASSIVES:
         wrong.append(f"passive is {mould.passive!r}; give one of {', '.join(PASSIVES)}")
-    return tuple(wrong)
+    return wrong

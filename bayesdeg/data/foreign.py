@@ -88,7 +88,7 @@ def translated(
     rows = [f"# {line}" if number < form.skip else line for number, line in enumerate(lines)]
     there = {column: name for name, column in form.columns.items()}
     header: list[str] | None = None
-    count, written = _PointCount(), io.StringIO()
+    line_of_points, point, written = list[str | None](), 0, io.StringIO()
     write = csv.writer(written, lineterminator="\n")
     for line in rows:
         if line.startswith("#") or not line.strip():
@@ -104,7 +104,10 @@ def translated(
         else:
             whole = [*cells, *(str(form.constants[name]) for name in added)]
             of_row = dict(zip([*names, *added], whole, strict=False))
-            write.writerow(whole if numbered else [*whole, str(count.of(of_row))])
+            here = [of_row.get(name) for name in _OF_A_LINE]
+            point = point + 1 if here == line_of_points else 1
+            line_of_points = here
+            write.writerow(whole if numbered else [*whole, str(point)])
     missing = [column for column in there if column not in (header or [])]
     place = "markers.columns"
     return written.getvalue().encode(), tuple(
@@ -113,21 +116,6 @@ def translated(
         )
         for name in missing
     )
-
-
-class _PointCount:
-    """Counts the rows of a line of points."""
-
-    def __init__(self) -> None:
-        self._of: tuple[str | None, ...] = ()
-        self._count = 0
-
-    def of(self, row: Mapping[str, str]) -> int:
-        """Return the number of a row's point."""
-        line = tuple(row.get(name) for name in _OF_A_LINE)
-        self._count = self._count + 1 if line == self._of else 1
-        self._of = line
-        return self._count
 
 
 def _cells(line: str, form: ForeignTable) -> list[str]:

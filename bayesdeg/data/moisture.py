@@ -3,11 +3,12 @@
 The degradation rate D_R is a proxy: the loss of retained water, not of mass. Eq. 4 divides by the
 moist mass (wet basis), the control experiment behind Eq. 6 by the dry mass (dry basis). D_R is on
 the wet basis throughout; code that needs the dry basis converts it here.
+
+Arguments broadcast. Masses are above 0 and in one unit, moisture contents in percent and on one
+basis; those called initial are before degradation.
 """
 
-import importlib
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -20,19 +21,9 @@ MASS_LOSS_SLOPE = 0.8574
 
 
 def moisture_content(mass_equilibrated: npt.ArrayLike, mass_dry: npt.ArrayLike) -> Floats:
-    r"""Compute the moisture content on the wet basis, Eq. 4.
+    r"""Compute the moisture content on the wet basis, Eq. 4 [%].
 
     .. math:: M_C = 100 (M_0 - M_d) / M_0
-
-    Parameters
-    ----------
-    mass_equilibrated, mass_dry : array_like, broadcastable
-        M_0 and M_d, both above 0, in the same unit.
-
-    Returns
-    -------
-    numpy.ndarray
-        [%]
 
     Examples
     --------
@@ -46,19 +37,9 @@ def moisture_content(mass_equilibrated: npt.ArrayLike, mass_dry: npt.ArrayLike) 
 
 
 def moisture_content_dry_basis(mass_equilibrated: npt.ArrayLike, mass_dry: npt.ArrayLike) -> Floats:
-    r"""Compute the moisture content on the dry basis, as in the control experiment.
+    r"""Compute the moisture content on the dry basis, as in the control experiment [%].
 
     .. math:: M_C = 100 (M_{e} - M') / M'
-
-    Parameters
-    ----------
-    mass_equilibrated, mass_dry : array_like, broadcastable
-        M_e and M', both above 0, in the same unit.
-
-    Returns
-    -------
-    numpy.ndarray
-        [%]
 
     Examples
     --------
@@ -72,19 +53,11 @@ def moisture_content_dry_basis(mass_equilibrated: npt.ArrayLike, mass_dry: npt.A
 
 
 def degradation_rate(moisture: npt.ArrayLike, moisture_initial: npt.ArrayLike) -> Floats:
-    r"""Compute the degradation rate, Eq. 3.
+    r"""Compute the degradation rate from mean moisture contents, Eq. 3 [%].
+
+    Scatter may make it slightly negative.
 
     .. math:: D_R = -100 (M_C - M_{C0}) / M_{C0}
-
-    Parameters
-    ----------
-    moisture, moisture_initial : array_like, broadcastable
-        Mean moisture contents after and before degradation, on the same basis [%].
-
-    Returns
-    -------
-    numpy.ndarray
-        [%]; scatter may make it slightly negative.
 
     Examples
     --------
@@ -98,7 +71,7 @@ def degradation_rate(moisture: npt.ArrayLike, moisture_initial: npt.ArrayLike) -
 
 
 def to_dry_basis(degradation_pct: npt.ArrayLike, *, moisture_initial_pct: npt.ArrayLike) -> Floats:
-    r"""Convert a degradation rate from the wet to the dry basis.
+    r"""Convert a degradation rate from the wet to the dry basis [%].
 
     With w_0 the wet-basis moisture fraction before degradation and w = w_0 (1 − D/100) after,
 
@@ -110,11 +83,6 @@ def to_dry_basis(degradation_pct: npt.ArrayLike, *, moisture_initial_pct: npt.Ar
         Wet basis [%].
     moisture_initial_pct : array_like
         M_C0 on the wet basis, between 0 and 100 [%].
-
-    Returns
-    -------
-    numpy.ndarray
-        [%]
 
     Examples
     --------
@@ -128,49 +96,10 @@ def to_dry_basis(degradation_pct: npt.ArrayLike, *, moisture_initial_pct: npt.Ar
     return np.asarray(100.0 * (1.0 - left * (1.0 - before) / (1.0 - before * left)), float)
 
 
-def to_wet_basis(degradation_pct: npt.ArrayLike, *, moisture_initial_pct: npt.ArrayLike) -> Floats:
-    r"""Convert a degradation rate from the dry to the wet basis; inverse of `to_dry_basis`.
-
-    With d_0 = w_0/(1 − w_0) and d = d_0 (1 − D/100) the dry-basis moisture fractions,
-
-    .. math:: D_{wet} = 100 \left(1 - \frac{d}{w_0 (1 + d)}\right)
-
-    Parameters
-    ----------
-    degradation_pct : array_like
-        Dry basis [%].
-    moisture_initial_pct : array_like
-        M_C0 on the wet basis, between 0 and 100 [%].
-
-    Returns
-    -------
-    numpy.ndarray
-        [%]
-
-    Examples
-    --------
-    >>> round(float(to_wet_basis(29.4117647, moisture_initial_pct=20.0)), 6)
-    25.0
-    """
-    before = np.asarray(moisture_initial_pct, float) / 100.0
-    dry = before / (1.0 - before) * (1.0 - np.asarray(degradation_pct, float) / 100.0)
-    return np.asarray(100.0 * (1.0 - dry / (before * (1.0 + dry))), float)
-
-
 def mass_loss(mass: npt.ArrayLike, mass_initial: npt.ArrayLike) -> Floats:
-    r"""Compute the mass loss, Eq. 5.
+    r"""Compute the mass loss from dry masses, Eq. 5 [%].
 
     .. math:: M_{loss} = -100 (M' - M'_0) / M'_0
-
-    Parameters
-    ----------
-    mass, mass_initial : array_like, broadcastable
-        Dry masses M' and M'_0 after and before degradation, in the same unit.
-
-    Returns
-    -------
-    numpy.ndarray
-        [%]
 
     Examples
     --------
@@ -187,7 +116,7 @@ def mass_loss_from_degradation(
     moisture_initial_pct: npt.ArrayLike,
     slope: float = MASS_LOSS_SLOPE,
 ) -> Floats:
-    r"""Estimate the mass loss from the degradation rate of a film, Eq. 6.
+    r"""Estimate the mass loss from the degradation rate of a film, Eq. 6 [%].
 
     .. math:: M_{loss} = 0.8574 \, D_{R, dry}
 
@@ -202,11 +131,6 @@ def mass_loss_from_degradation(
         M_C0 on the wet basis [%].
     slope : float
         Mass loss over degradation rate, dry basis [–].
-
-    Returns
-    -------
-    numpy.ndarray
-        [%]
 
     Examples
     --------
@@ -292,10 +216,6 @@ def _through_origin(x: Floats, y: Floats) -> tuple[float, float]:
     return slope, float(np.sqrt(left @ left / freedom / square)) if freedom else float("nan")
 
 
-#: In units of the last time; with a longer time constant the course is straight and shows no limit.
-LONGEST_TIME_CONSTANT = 100.0
-
-
 @dataclass(frozen=True)
 class FilmDegradation:
     """Degradation rates at the times at which films were unearthed.
@@ -310,15 +230,12 @@ class FilmDegradation:
         Of their errors; all share the mean of the undegraded films [%²].
     films : numpy.ndarray of int, shape (n_times,)
         Number of films.
-    moisture_initial_pct : float
-        Mean moisture content of the undegraded films [%].
     """
 
     time_h: Floats
     degradation_pct: Floats
     covariance: Floats
     films: npt.NDArray[np.int64]
-    moisture_initial_pct: float
 
     @property
     def standard_error(self) -> Floats:
@@ -343,10 +260,6 @@ def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> 
         Time in the soil [h].
     moisture_pct : array_like, shape (n_films,)
         Moisture contents, all on one basis [%].
-
-    Returns
-    -------
-    FilmDegradation
 
     Raises
     ------
@@ -379,66 +292,7 @@ def degradation_of_films(time_h: npt.ArrayLike, moisture_pct: npt.ArrayLike) -> 
         degradation_rate(mean, mean[0]),
         (100.0 / mean[0]) ** 2 * covariance,
         films.astype(np.int64),
-        float(mean[0]),
     )
-
-
-@dataclass(frozen=True)
-class SaturatingCourse:
-    r"""Degradation rate as a saturating function of time.
-
-    .. math:: D(t) = D_\infty (1 - e^{-t/\tau})
-
-    Parameters
-    ----------
-    limit_pct : float
-        D_∞ [%].
-    time_constant_h : float
-        τ [h].
-    covariance : numpy.ndarray, shape (2, 2)
-        Of (D_∞, τ).
-    """
-
-    limit_pct: float
-    time_constant_h: float
-    covariance: Floats
-
-    def degradation(self, time_h: npt.ArrayLike) -> Floats:
-        """Compute the degradation rate at the given times [%]."""
-        return saturating(np.asarray(time_h, float), self.limit_pct, self.time_constant_h)
-
-    def standard_error(self, time_h: npt.ArrayLike) -> Floats:
-        """Compute the standard error of the curve at the given times, by the delta method [%]."""
-        reduced = np.asarray(time_h, float) / self.time_constant_h
-        by_limit = -np.expm1(-reduced)
-        by_time_constant = -self.limit_pct * reduced * np.exp(-reduced) / self.time_constant_h
-        gradient = np.stack([by_limit, by_time_constant], axis=-1)
-        variance = np.einsum("...i,ij,...j->...", gradient, self.covariance, gradient)
-        return np.asarray(np.sqrt(variance), float)
-
-    def band(
-        self, time_h: npt.ArrayLike, *, probability: float = 0.9, scatter_sd_pct: float = 0.0
-    ) -> tuple[Floats, Floats]:
-        """Compute the band of the curve, or of a new measurement.
-
-        Parameters
-        ----------
-        time_h : array_like
-            [h]
-        probability : float
-            Probability content of the band.
-        scatter_sd_pct : float
-            Standard deviation of a new measurement about the curve; 0 for the curve itself [%].
-
-        Returns
-        -------
-        lower, upper : numpy.ndarray
-            [%]
-        """
-        sd = np.hypot(self.standard_error(time_h), scatter_sd_pct)
-        reach = NormalDist().inv_cdf(0.5 + probability / 2.0) * sd
-        centre = self.degradation(time_h)
-        return centre - reach, centre + reach
 
 
 def saturating(
@@ -446,51 +300,3 @@ def saturating(
 ) -> Floats:
     """Evaluate D_∞ (1 − exp(−t/τ)) [%]; arguments broadcast."""
     return np.asarray(-limit_pct * np.expm1(-time_h / time_constant_h), float)
-
-
-def fit_saturating_course(films: FilmDegradation) -> SaturatingCourse:
-    """Fit the saturating law by generalised least squares with correlated errors.
-
-    Parameters
-    ----------
-    films : FilmDegradation
-        At least two times after 0; the law meets time 0 exactly, so it carries no information.
-
-    Returns
-    -------
-    SaturatingCourse
-
-    Raises
-    ------
-    ValueError
-        If there are too few times, or if the rates do not level off or do not rise.
-
-    Examples
-    --------
-    >>> time = np.array([0.0, 4.0, 8.0, 16.0, 24.0])
-    >>> rate = saturating(time, 30.0, 10.0)
-    >>> films = FilmDegradation(time, rate, np.diag([0, 1, 1, 1, 1.0]), np.full(5, 9), 20.0)
-    >>> course = fit_saturating_course(films)
-    >>> round(course.limit_pct, 4), round(course.time_constant_h, 4)
-    (30.0, 10.0)
-    """
-    time, rate = films.time_h[1:], films.degradation_pct[1:]
-    if time.size < 2:
-        raise ValueError("fewer than two times after 0: the saturating law cannot be fitted")
-    covariance = films.covariance[1:, 1:]
-    if not time @ np.linalg.solve(covariance, rate) > 0.0:
-        raise ValueError("the degradation rates do not rise with time")
-    longest = LONGEST_TIME_CONSTANT * float(time[-1])
-    optimize = importlib.import_module("scipy.optimize")  # slow to import; a check needs none
-    found, errors = optimize.curve_fit(
-        saturating,
-        time,
-        rate,
-        p0=(max(1.5 * float(rate.max()), 1.0), float(np.median(time))),
-        sigma=covariance,
-        absolute_sigma=True,
-        bounds=([0.0, 1e-3 * time[0]], [np.inf, longest]),
-    )
-    if found[1] > 0.99 * longest:
-        raise ValueError("the degradation rates do not level off")
-    return SaturatingCourse(float(found[0]), float(found[1]), errors)

@@ -10,7 +10,7 @@ import importlib
 import io
 from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -134,7 +134,9 @@ def _read(path: Path, content: str) -> PartMesh:
     place[used] = np.arange(len(used))
     kept = {name: place[at] for name, at in sides.items()}
     part = PartMesh(points[used], cells_of_used.reshape(cells.shape), kept, content)
-    _refuse(_problems(part))
+    # causes before their consequences
+    for check in (_wrong_size, _inverted, _apart, _open_cavity, _wrong_planes, _wrong_constraint):
+        _refuse(check(part))
     moved = _moved(part)
     _refuse(_without_line(moved))
     return moved
@@ -198,17 +200,13 @@ def outer_sides(cells: Indices) -> Indices:
     >>> len(outer_sides(np.arange(8)[None])), len(outer_sides(np.arange(4)[None]))
     (6, 4)
     """
-    local = _sides_of(cells)
+    local = SIDES_OF_TETRAHEDRON if cells.shape[1] == 4 else SIDES
     sides = cells[:, local].reshape(-1, local.shape[1])
     _, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
     outer: Indices = sides[np.sort(first[count == 1])]
     return outer
-
-
-def _sides_of(cells: Indices) -> Indices:
-    return SIDES_OF_TETRAHEDRON if cells.shape[1] == 4 else SIDES
 
 
 def _marked(mesh: Any, name: str, outer: Indices, count: int) -> Flags | None:
@@ -249,16 +247,6 @@ def _refuse(problems: Iterator[str]) -> None:
     """Refuse a part for its first problem."""
     for problem in problems:
         raise PartError(problem)
-
-
-def _problems(part: PartMesh) -> Iterator[str]:
-    """Yield problems, causes before their consequences."""
-    yield from _wrong_size(part)
-    yield from _inverted(part)
-    yield from _apart(part)
-    yield from _open_cavity(part)
-    yield from _wrong_planes(part)
-    yield from _wrong_constraint(part)
 
 
 def _wrong_size(part: PartMesh) -> Iterator[str]:
@@ -338,28 +326,22 @@ def _open_cavity(part: PartMesh) -> Iterator[str]:
 
 def _wrong_planes(part: PartMesh) -> Iterator[str]:
     tolerance = FLAT * float(part.size.max())
-    ends = (("clamp", 0, part.points[:, 0].min()), ("tip", 0, part.points[:, 0].max()))
-    for name, axis, wanted in ends:
-        off = np.abs(part.points[part.sides[name], axis] - wanted)
-        if off.max() > tolerance:
+    x = part.points[:, 0]
+    for name, side, wanted in (("clamp", "the lowest", x.min()), ("tip", "the largest", x.max())):
+        if np.abs(x[part.sides[name]] - wanted).max() > tolerance:
             yield (
-                f"has a {name} that is not the plane end at {_ENDS[name]} x; turn the part so that "
+                f"has a {name} that is not the plane end at {side} x; turn the part so that "
                 "x runs from the clamp to the tip, z up from the constraint, and cut both ends"
             )
     if part.is_half:
-        across = part.points[part.sides["symmetry"], 1]
-        if np.ptp(across) > tolerance or not _is_end(across.mean(), part.points[:, 1], tolerance):
+        across, y = part.points[part.sides["symmetry"], 1], part.points[:, 1]
+        middle = across.mean()
+        off = min(abs(middle - y.min()), abs(middle - y.max()))
+        if np.ptp(across) > tolerance or off > tolerance:
             yield (
                 "has a symmetry plane that is not an end of the part across y; turn the part so "
                 "that y runs across"
             )
-
-
-_ENDS = {"clamp": "the lowest", "tip": "the largest"}
-
-
-def _is_end(value: float, values: Floats, tolerance: float) -> bool:
-    return bool(min(abs(value - values.min()), abs(value - values.max())) <= tolerance)
 
 
 def _wrong_constraint(part: PartMesh) -> Iterator[str]:
@@ -397,38 +379,23 @@ def _distinct(values: Floats, tolerance: float) -> int:
 
 def _moved(part: PartMesh) -> PartMesh:
     """Put the clamp at x = 0, the lowest point at z = 0, and the symmetry or middle at y = 0."""
-    points = _flattened(part)
+    points = part.points.copy()
+    # faces are searched in planes, and a file with few digits has rounded points
+    for name, axis in (("clamp", 0), ("tip", 0), ("symmetry", 1), ("constraint", 2)):
+        if name in part.sides:
+            nodes = np.unique(part.sides[name])
+            points[nodes, axis] = np.median(points[nodes, axis])
     points[:, 0] -= points[:, 0].min()
     points[:, 2] -= points[:, 2].min()
     if part.is_half:
         points[:, 1] -= points[part.sides["symmetry"], 1].mean()
         if points[:, 1].mean() < 0.0:  # only the other half was meshed: mirror it
             points[:, 1] *= -1.0
-            mirrored = [0, 2, 1, 3] if part.is_tetrahedral else _across()
-            return PartMesh(points, part.cells[:, mirrored], part.sides, part.content)
+            mirrored = [0, 2, 1, 3] if part.is_tetrahedral else [3, 2, 1, 0, 7, 6, 5, 4]
+            return replace(part, points=points, cells=part.cells[:, mirrored])
     else:
         points[:, 1] -= 0.5 * (points[:, 1].min() + points[:, 1].max())
-    return PartMesh(points, part.cells, part.sides, part.content)
-
-
-def _flattened(part: PartMesh) -> Floats:
-    """Return the points with those of each plane boundary exactly in one plane.
-
-    Faces are searched in planes; a file with few digits has rounded points.
-    """
-    points = part.points.copy()
-    for name, axis in (("clamp", 0), ("tip", 0), ("symmetry", 1), ("constraint", 2)):
-        if name in part.sides:
-            nodes = np.unique(part.sides[name])
-            points[nodes, axis] = np.median(points[nodes, axis])
-    return points
-
-
-def _across() -> list[int]:
-    """Return the order of a brick's corners after mirroring across y."""
-    mirrored = CORNERS.copy()
-    mirrored[:, 1] = 1 - mirrored[:, 1]
-    return [int(np.flatnonzero((corner == CORNERS).all(axis=1))[0]) for corner in mirrored]
+    return replace(part, points=points)
 
 
 def _place(at: Floats) -> str:

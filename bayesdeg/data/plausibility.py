@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -179,19 +180,11 @@ class Expected:
 
 
 def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
-    """Return what is impossible or unlikely in a study, file by file.
-
-    Parameters
-    ----------
-    study : Study
-        A study whose tables have no faults.
-    expected : Expected
-        Expectations from its priors.
-    """
+    """Return what is impossible or unlikely in a study without faults, file by file."""
     # absurd numbers overflow; their ratios are not compared
     with np.errstate(all="ignore"):
         evidence = _Evidence(study, expected)
-        found = _made(OF_FILMS, evidence)
+        found = [] if study.tensile is None else _made(OF_FILMS, evidence)
         evidence = replace(evidence, are_films_doubtful=bool(found))
         found += _made(OF_STUDY, evidence)
         if evidence.bent:
@@ -213,15 +206,9 @@ def doubts(study: Study, expected: Expected) -> tuple[Doubt, ...]:
 def times_stiffer(study: Study, expected: Expected) -> float:
     """Return by what factor a study's material is stiffer than expected, if it is a different one.
 
-    1 where it is as expected, where no elastomer has the C1 of its films or moduli, and where
-    actuators bend as the expected material would: then a unit is wrong.
-
-    Parameters
-    ----------
-    study : Study
-        A study whose tables have no faults.
-    expected : Expected
-        Expectations from priors of a different material, none stated for this one.
+    The priors are those of a different material, none stated for this one. The factor is 1 where it
+    is as expected, where no elastomer has the C1 of its films or moduli, and where actuators bend
+    as the expected material would: then a unit is wrong.
     """
     with np.errstate(all="ignore"):
         c1 = film_moduli(study.tensile)[["rate", "c1"]]
@@ -230,15 +217,13 @@ def times_stiffer(study: Study, expected: Expected) -> float:
             moduli = {"rate": rows["degradation_pct"].fillna(0.0), "c1": rows["value"] / 6.0}
             c1 = pd.DataFrame({k: [*c1[k], *moduli[k]] for k in moduli}, dtype=float)
         c1 = c1[c1["c1"] > 0.0]
-        log_factor, impossible = _off_prior(
-            np.log(c1["c1"].to_numpy(float)), c1["rate"].to_numpy(float), expected.c1
-        )
-        if impossible is None or not SOFTEST <= c1["c1"].median() <= STIFFEST:
+        off = _off_prior(*_logs_and_rates(c1, "c1"), expected.c1)
+        if not off.is_unlikely or not SOFTEST <= c1["c1"].median() <= STIFFEST:
             return 1.0
         evidence = _Evidence(study, expected)
         if evidence.off_bending(c1.iloc[:0]) < evidence.off_bending(c1):
             return 1.0
-    return _factor(log_factor)
+    return _factor(off.log_factor)
 
 
 def refuse_impossible(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
@@ -310,7 +295,13 @@ def off_neighbours(differences: Floats, rates: Floats) -> Floats:
 
 def _prior_at(laws: Mapping[float, Distribution], rates: Floats) -> tuple[Floats, Floats]:
     """Return ln of the median and its standard deviation at degradation rates; nan if unknown."""
-    known = {rate: _median_and_above(law) for rate, law in sorted(laws.items())}
+    # for a log-normal law, the default here, no special function is needed
+    known = {
+        rate: law.median * np.exp([0.0, law.sigma])
+        if isinstance(law, LogNormal)
+        else law.quantile(np.array([0.5, 0.8413]))  # up to one sd of a normal law
+        for rate, law in sorted(laws.items())
+    }
     known = {rate: q for rate, q in known.items() if np.all(np.isfinite(q)) and q[0] > 0.0}
     if not known:
         return np.full(len(rates), np.nan), np.full(len(rates), np.nan)
@@ -319,32 +310,25 @@ def _prior_at(laws: Mapping[float, Distribution], rates: Floats) -> tuple[Floats
     return median, np.maximum(np.interp(rates, at, quantiles[:, 1]) - median, 1e-6)
 
 
-def _median_and_above(law: Distribution) -> Floats:
-    """Return a law's median, and its quantile one standard deviation of a normal law above.
+class _OffPrior(NamedTuple):
+    """ln of a median over its prior, and what to think of it."""
 
-    For a log-normal law, the default here, no special function is needed.
-    """
-    if isinstance(law, LogNormal):
-        return law.median * np.exp([0.0, law.sigma])
-    return law.quantile(np.array([0.5, 0.8413]))
+    log_factor: float = 0.0
+    is_unlikely: bool = False
+    is_impossible: bool = False
 
 
-def _off_prior(
-    logs: Floats, rates: Floats, laws: Mapping[float, Distribution]
-) -> tuple[float, bool | None]:
-    """Return ln of the median over its prior, and whether that is impossible.
-
-    The second is None if it is plausible.
-    """
+def _off_prior(logs: Floats, rates: Floats, laws: Mapping[float, Distribution]) -> _OffPrior:
+    """Compare the median of logarithms with its prior."""
     median, sd = _prior_at(laws, rates)
     off = logs - median
     if not np.any(np.isfinite(off)):
-        return 0.0, None
+        return _OffPrior()
     log_factor, sds = float(np.nanmedian(off)), float(np.nanmedian(np.abs(off) / sd))
     if abs(log_factor) < np.log(LEAST_FACTOR_TO_PRIOR) or sds < UNLIKELY_SDS:
-        return log_factor, None
+        return _OffPrior(log_factor)
     impossible = abs(log_factor) >= np.log(IMPOSSIBLE_FACTOR) and sds >= IMPOSSIBLE_SDS
-    return log_factor, bool(impossible)
+    return _OffPrior(log_factor, True, bool(impossible))
 
 
 def _factor(log_factor: float) -> float:
@@ -373,6 +357,14 @@ def _short(value: float) -> str:
     """
     text = f"{value:.3g}"
     return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e7 else text
+
+
+def _compared(
+    factor: float, units: Units, tolerance: float, *, otherwise: str = OTHER_UNIT
+) -> dict[str, object]:
+    """Return the words for a factor and for the likely mistake."""
+    guess = _likely(factor, units, tolerance, otherwise=otherwise)
+    return {"times": _times(factor), "guess": guess}
 
 
 def _likely(factor: float, units: Units, tolerance: float, *, otherwise: str = OTHER_UNIT) -> str:
@@ -426,9 +418,8 @@ class _Evidence:
         """
         if not self.are_films_doubtful:
             return self.films
-        logs, rates = _logs_and_rates(self.films, "c1")
-        log_factor, impossible = _off_prior(logs, rates, self.expected.c1)
-        units = [] if impossible is None else _stress_units(self.films, log_factor)
+        off = _off_prior(*_logs_and_rates(self.films, "c1"), self.expected.c1)
+        units = _stress_units(self.films, off.log_factor) if off.is_unlikely else []
         tried = [self.films.assign(c1=self.films["c1"] / STRESS_UNITS[unit]) for unit in units]
         return min(tried, key=self.off_bending, default=self.films.iloc[:0])
 
@@ -456,12 +447,30 @@ class _Evidence:
     @cached_property
     def curves(self) -> list[_Curve]:
         """Curves of specimens that have readings under pressure."""
-        return [] if self.study.actuator is None else _curves(self.study.actuator)
+        found: list[_Curve] = []
+        if self.study.actuator is None:
+            return found
+        first = _first_loading(self.study.actuator)
+        for name, rows in first.groupby("specimen_id", sort=False):
+            read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
+            read = read.sort_values("pressure_kPa", kind="stable")
+            if len(read):
+                columns = ("pressure_kPa", "curvature_per_m", "bend_angle_deg")
+                arrays = (read[column].to_numpy(np.float64) for column in columns)
+                rate = float(read["degradation_pct"].iloc[0])
+                found.append(_Curve(str(name), rate, *arrays))
+        return found
 
     @cached_property
     def bent(self) -> list[_Curve]:
         """Curves of actuators that bent at all, or that have a single reading."""
         return [c for c in self.curves if len(c.curvature) == 1 or c.curvature.any()]
+
+    @property
+    def tensile(self) -> pd.DataFrame:
+        """Rows of films."""
+        assert self.study.tensile is not None
+        return self.study.tensile
 
     @property
     def actuator(self) -> pd.DataFrame:
@@ -493,19 +502,6 @@ def _first_loading(actuator: pd.DataFrame) -> pd.DataFrame:
     """Return the rows before any creep, softening or set."""
     first = actuator.groupby("specimen_id")["cycle"].transform("min")
     return actuator[(actuator["cycle"] == first) & (actuator["branch"] == "loading")]
-
-
-def _curves(actuator: pd.DataFrame) -> list[_Curve]:
-    """Return the curves of specimens that have readings under pressure."""
-    found = []
-    for name, rows in _first_loading(actuator).groupby("specimen_id", sort=False):
-        read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
-        read = read.sort_values("pressure_kPa", kind="stable")
-        if len(read):
-            columns = ("pressure_kPa", "curvature_per_m", "bend_angle_deg")
-            arrays = (read[column].to_numpy(np.float64) for column in columns)
-            found.append(_Curve(str(name), float(read["degradation_pct"].iloc[0]), *arrays))
-    return found
 
 
 def bending_of_beam(mould: Mould) -> float:
@@ -591,11 +587,6 @@ def film_moduli(tensile: pd.DataFrame | None) -> pd.DataFrame:
     The stress of a neo-Hookean solid over :math:`2 (\lambda - \lambda^{-n})`, with n of 2, 3 or 5
     in uniaxial, planar and equibiaxial tension, times λ for Cauchy stress.
 
-    Parameters
-    ----------
-    tensile : pandas.DataFrame or None
-        As in `Study`.
-
     Returns
     -------
     pandas.DataFrame
@@ -632,10 +623,7 @@ def _neo_hookean(rows: pd.DataFrame) -> pd.Series:
 
 
 def _too_stretched(evidence: _Evidence) -> Iterator[_Found]:
-    tensile = evidence.study.tensile
-    if tensile is None:
-        return
-    stretch = tensile.groupby("specimen_id", sort=False)["stretch"]
+    stretch = evidence.tensile.groupby("specimen_id", sort=False)["stretch"]
     largest = stretch.max()
     # stretch in percent begins at 100, strain in percent near 0
     in_percent = float(stretch.min().median()) >= 100.0 * (1.0 - LEAST_STRAIN)
@@ -649,9 +637,7 @@ def _too_stretched(evidence: _Evidence) -> Iterator[_Found]:
 
 def _wrong_signs(evidence: _Evidence, *, as_strain: bool) -> Iterator[_Found]:
     """Yield films under tension that shrink, or the reverse; strain is likely if all shrink."""
-    tensile = evidence.study.tensile
-    if tensile is None:
-        return
+    tensile = evidence.tensile
     stretch, stress = tensile["stretch"], tensile["stress_MPa"]
     largest = stress.abs().groupby(tensile["specimen_id"]).transform("max")
     clear = (np.abs(stretch - 1.0) > LEAST_STRAIN) & (stress.abs() > LEAST_STRESS * largest)
@@ -681,20 +667,20 @@ def _stress_units(films: pd.DataFrame, log_factor: float) -> list[str]:
 def _moduli(evidence: _Evidence) -> Iterator[_Found]:
     films, laws = evidence.films, evidence.expected.c1
     logs, rates = _logs_and_rates(films, "c1")
-    log_factor, impossible = _off_prior(logs, rates, laws)
-    if impossible is None:
+    off = _off_prior(logs, rates, laws)
+    if not off.is_unlikely:
         return
     c1 = films["c1"].to_numpy(float)
     middle = int(np.argmin(np.abs(np.log(c1 / np.median(c1)))))
-    units = _stress_units(films, log_factor)
+    units = _stress_units(films, off.log_factor)
     words = {
         "c1": c1[middle],
-        "times": _times(_factor(log_factor)),
+        "times": _times(_factor(off.log_factor)),
         "prior": np.exp(_prior_at(laws, rates[[middle]])[0][0]),
         "rate": " at this degradation rate" if rates.any() else "",
         "guess": f"likely in {' or '.join(units)}" if units else OTHER_UNIT,
     }
-    impossible = impossible or not SOFTEST <= np.median(c1) <= STIFFEST
+    impossible = off.is_impossible or not SOFTEST <= np.median(c1) <= STIFFEST
     yield _Found(films.index[middle], float(films["stress"].iloc[middle]), words, impossible)
 
 
@@ -704,11 +690,7 @@ def _odd_ones(table: pd.DataFrame, logs: Floats, values: Floats, units: Units) -
     wrong = np.flatnonzero(off)
     slip = "likely a different unit, a slipped decimal point or a different material"
     for i in wrong[:1] if len(table) == 2 else wrong:  # of two either may be wrong
-        factor = _factor(off[i])
-        words = {
-            "times": _times(factor),
-            "guess": _likely(factor, units, NEAR_UNIT, otherwise=slip),
-        }
+        words = _compared(_factor(off[i]), units, NEAR_UNIT, otherwise=slip)
         impossible = bool(abs(off[i]) >= np.log(IMPOSSIBLE_FACTOR))
         yield _Found(table.index[i], values[i], words, impossible)
 
@@ -754,14 +736,10 @@ def _below_films(evidence: _Evidence) -> Iterator[_Found]:
 
 def _elongations_off_prior(evidence: _Evidence) -> Iterator[_Found]:
     table = _elongations(evidence)
-    log_factor, impossible = _off_prior(
-        *_logs_and_rates(table, "value"), evidence.expected.elongation
-    )
-    if impossible is not None:
-        factor = _factor(log_factor)
-        guess = _likely(factor, PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
-        words = {"times": _times(factor), "guess": guess}
-        yield _Found(table.index[0], table["value"].iloc[0], words, impossible)
+    off = _off_prior(*_logs_and_rates(table, "value"), evidence.expected.elongation)
+    if off.is_unlikely:
+        words = _compared(_factor(off.log_factor), PERCENT_UNITS, NEAR_UNIT_OF_PRIOR)
+        yield _Found(table.index[0], table["value"].iloc[0], words, off.is_impossible)
 
 
 def _odd_elongations(evidence: _Evidence) -> Iterator[_Found]:
@@ -781,12 +759,10 @@ def _published(evidence: _Evidence, quantity: str) -> Iterator[_Found]:
     rows = summary[summary["quantity"] == quantity]
     values = rows["value"].to_numpy(float)
     rates = rows["degradation_pct"].fillna(0.0).to_numpy(float)
-    log_factor, impossible = _off_prior(np.log(values / per), rates, laws)
-    if impossible is not None:
-        factor = _factor(log_factor)
-        guess = _likely(factor, units, NEAR_UNIT_OF_PRIOR)
-        words = {"times": _times(factor), "guess": guess}
-        yield _Found(None, values[0], words, impossible)
+    off = _off_prior(np.log(values / per), rates, laws)
+    if off.is_unlikely:
+        words = _compared(_factor(off.log_factor), units, NEAR_UNIT_OF_PRIOR)
+        yield _Found(None, values[0], words, off.is_impossible)
 
 
 # ---- degradation rates and the layer
@@ -886,8 +862,8 @@ def _still(evidence: _Evidence) -> Iterator[_Found]:
 def _backwards(evidence: _Evidence) -> Iterator[_Found]:
     for curve in evidence.bent:
         if curve.end < -LARGEST_SHARE_AT_REST * evidence.largest:
-            words, among = {"pressure": curve.pressure[-1]}, len(evidence.bent)
-            yield _Found(curve.name, curve.end, words, among=among)
+            words = {"pressure": curve.pressure[-1]}
+            yield _Found(curve.name, curve.end, words, among=len(evidence.bent))
 
 
 def _opposite_angles(evidence: _Evidence) -> Iterator[_Found]:
@@ -922,14 +898,8 @@ def _angles(evidence: _Evidence) -> Iterator[_Found]:
         else:
             column, value, unit, units = "bend_angle_deg", angle, "degrees", ANGLE_UNITS
             source, other = "curvature", f"{by_curvature / DEGREE:.3g}°"
-        words = {
-            "times": _times(factor),
-            "source": source,
-            "other": other,
-            "guess": _likely(factor, units, NEAR_UNIT),
-            "unit": unit,
-            "length": 1e3 * length,
-        }
+        words = _compared(factor, units, NEAR_UNIT)
+        words |= {"source": source, "other": other, "unit": unit, "length": 1e3 * length}
         yield _Found(curve.name, value, words, among=len(evidence.bent), column=column)
 
 
@@ -938,15 +908,6 @@ def computed_angles(actuator: pd.DataFrame) -> NDArray[np.bool_]:
 
     The length is the same on all rows, or on those of a specimen. Such an angle was not read: one
     of the two was computed from the other.
-
-    Parameters
-    ----------
-    actuator : pandas.DataFrame
-        As in `Study`.
-
-    Returns
-    -------
-    array of bool, shape (n_rows,)
 
     Examples
     --------
@@ -971,10 +932,9 @@ def implied_lengths(actuator: pd.DataFrame) -> pd.DataFrame:
     """Return the range of the ratio of angle to curvature [m] that rounding allows."""
     bend, angle = actuator["curvature_per_m"], actuator["bend_angle_deg"]
     size, turned = bend.abs(), DEGREE * angle * np.sign(bend)
-    of_bend, of_angle = (
-        one.groupby(actuator["specimen_id"]).transform(_half_digit) for one in (bend, angle)
-    )
-    of_angle = DEGREE * of_angle
+    by_specimen = actuator["specimen_id"]
+    of_bend = bend.groupby(by_specimen).transform(_half_digit)
+    of_angle = DEGREE * angle.groupby(by_specimen).transform(_half_digit)
     with np.errstate(divide="ignore", invalid="ignore"):
         most = ((turned + of_angle) / (size - of_bend)).where(size > of_bend, np.inf)
     least = (turned - of_angle) / (size + of_bend)
@@ -1126,9 +1086,8 @@ def _wrong_volumes(evidence: _Evidence) -> Iterator[_Found]:
     table, values, logs = _volumes_over_swept(evidence)
     log_factor = float(np.median(logs)) if len(logs) else 0.0
     if abs(log_factor) > np.log(IMPOSSIBLE_VOLUME):
-        factor = _factor(log_factor)
-        guess = _likely(factor, VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)
-        yield _Found(table.index[0], float(values[0]), {"times": _times(factor), "guess": guess})
+        words = _compared(_factor(log_factor), VOLUME_UNITS, NEAR_UNIT_OF_PRIOR)
+        yield _Found(table.index[0], float(values[0]), words)
 
 
 def _odd_volumes(evidence: _Evidence) -> Iterator[_Found]:
@@ -1165,13 +1124,8 @@ def _odd_actuators(evidence: _Evidence) -> Iterator[_Found]:
         exact = float(np.median([ratio(curve, other) for other in near]))
         factor = exact if np.isfinite(exact) and exact > 0.0 else _factor(off[i])
         slip = "likely a different unit, a slipped decimal point or a swapped label"
-        words = {
-            "times": _times(factor),
-            "at_same": at_same,
-            "names": ", ".join(c.name for c in near[:3]),
-            "guess": _likely(factor, units, NEAR_UNIT, otherwise=slip),
-            "unit": unit,
-        }
+        words = _compared(factor, units, NEAR_UNIT, otherwise=slip)
+        words |= {"at_same": at_same, "names": ", ".join(c.name for c in near[:3]), "unit": unit}
         impossible = bool(abs(np.log(factor)) >= np.log(IMPOSSIBLE_FACTOR))
         yield _Found(curve.name, value, words, impossible, is_alone=True, column=column)
 
@@ -1297,7 +1251,10 @@ _SIGNS = ("stretch", "compression", "sign")
 _ODD = "that of the specimens nearest in D_R; {guess}"
 _COMPARE = "compare with the test record, or leave the specimen out"
 _FROM_REST = "which must be subtracted from every reading"
-_AGAINST = ("backwards", "opposite", "angle")
+_SIGN = ("backwards", "opposite")
+_AGAINST = (*_SIGN, "angle")
+_BENDING = (*_AGAINST, "wound", "compliance")
+_VOLUME = (*_BENDING, "shrunk", "volume at rest")
 
 OF_FILMS = (
     _Check(
@@ -1420,7 +1377,7 @@ OF_BENDING = (
         *(_ACTUATORS, "bend_angle_deg", _angles),
         "is {times} the value from the {source} in the same row ({other}); {guess}",
         "give {unit}, and check the length in study.toml (arc length {length:.3g} mm)",
-        unless=("backwards", "opposite"),
+        unless=_SIGN,
     ),
     _Check(
         "wound",
@@ -1443,14 +1400,14 @@ OF_BENDING = (
         *(_ACTUATORS, "cavity_volume_ml", _shrunk),
         "is negative at the largest pressure, although pressure widens the chambers",
         "give the increase of the volume over that at zero pressure as positive",
-        unless=(*_AGAINST, "wound", "compliance"),
+        unless=_BENDING,
     ),
     _Check(
         "volume at rest",
         *(_ACTUATORS, "cavity_volume_ml", _volumes_at_rest),
         f"is the volume at zero pressure, {_FROM_REST}",
         "subtract it from the volumes of this specimen, so that the first is 0",
-        unless=(*_AGAINST, "wound", "compliance", "shrunk"),
+        unless=(*_BENDING, "shrunk"),
     ),
     _Check(
         "volume",
@@ -1458,14 +1415,14 @@ OF_BENDING = (
         "is, like the others, {times} the volume swept by width, height and bend angle of the "
         "actuator; {guess}",
         "give ml (cm³); otherwise check [actuator] in study.toml, in mm",
-        unless=(*_AGAINST, "wound", "compliance", "shrunk", "volume at rest"),
+        unless=_VOLUME,
     ),
     _Check(
         "odd volume",
         *(_ACTUATORS, "cavity_volume_ml", _odd_volumes),
         f"makes the volume at the same bending {{times}} {_ODD}",
         f"give ml; {_COMPARE}",
-        unless=(*_AGAINST, "wound", "compliance", "shrunk", "volume at rest", "volume"),
+        unless=(*_VOLUME, "volume"),
     ),
     _Check(
         "computed",

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass as plain_dataclass
 from dataclasses import field, fields, is_dataclass, replace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval, Len
 from pydantic import (
@@ -110,6 +110,8 @@ class Dimensions:
     ()
     """
 
+    kind: ClassVar[Kind] = "pneunet"
+
     length: float = 50.0
     width: float = 10.0
     height: float = 10.0
@@ -123,11 +125,6 @@ class Dimensions:
     channel_width: float = 2.0
     channel_height: float = 1.5
     channel_roof: float = 1.0
-
-    @property
-    def kind(self) -> Kind:
-        """The family."""
-        return "pneunet"
 
     @property
     def usual_height(self) -> float:
@@ -155,13 +152,9 @@ class Dimensions:
         return moment / (6.0 * second_moment) * self.length
 
     def problems(self) -> tuple[str, ...]:
-        """Say why no actuator can have these dimensions.
+        """Say why no actuator can have these dimensions, one sentence per reason.
 
-        Returns
-        -------
-        tuple of str
-            One sentence per reason; empty if the dimensions are possible. Consequences of a
-            dimension that is itself impossible are omitted.
+        Consequences of a dimension that is itself impossible are omitted.
 
         Examples
         --------
@@ -211,14 +204,10 @@ class Dimensions:
                 f"floor and roof ({upward:g} mm) leave no chamber in the height "
                 f"({self.height:g} mm)"
             )
-        return tuple(wrong) or self._wrong_channel()
-
-    def _wrong_channel(self) -> tuple[str, ...]:
-        if self.chambers == 1:
-            return ()
-        wide, high = self.width - 2.0 * self.side_wall, self.height - self.floor - self.roof
+        if wrong or self.chambers == 1:
+            return tuple(wrong)
+        wide, high = self.width - across, self.height - self.floor - self.roof
         slot_bottom = self.floor + self.channel_height + self.channel_roof
-        wrong = []
         if self.channel_width > wide:
             wrong.append(
                 f"the channel ({self.channel_width:g} mm) is wider than the chambers ({wide:g} mm)"
@@ -936,20 +925,17 @@ def parse_settings(content: bytes) -> tuple[Settings, tuple[Fault, ...]]:
     except RecursionError:
         return Settings(), (_TOO_DEEP,)
     except ValueError as error:
-        return Settings(), (_invalid(str(error), text),)
+        message, lines = str(error), text.splitlines()
+        found = re.search(r"at line (\d+)", message)
+        row = int(found[1]) if found else max(1, len(lines))
+        shown = lines[row - 1].strip() if row <= len(lines) else None
+        why = re.sub(r" \(at .*\)$", "", message)
+        problem = f"is not valid TOML: {why[:1].lower()}{why[1:]}"
+        remedy = "write key = value, texts in quotes"
+        return Settings(), (Fault(FILE, problem, remedy, row, value=shown),)
     if too_deep(document):
         return Settings(), (_TOO_DEEP,)
     return _from_document(document, _Source(text))
-
-
-def _invalid(message: str, text: str) -> Fault:
-    found = re.search(r"at line (\d+)", message)
-    row = int(found[1]) if found else max(1, len(text.splitlines()))
-    lines = text.splitlines()
-    value = lines[row - 1].strip() if row <= len(lines) else None
-    reason = re.sub(r" \(at .*\)$", "", message)
-    problem = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}"
-    return Fault(FILE, problem, "write key = value, texts in quotes", row, value=value)
 
 
 @plain_dataclass(frozen=True)
@@ -1152,14 +1138,14 @@ def _read_priors(
 ) -> tuple[dict[str, Distribution], list[Fault]]:
     priors, faults = {}, []
     for name, value in _flattened(table).items():
-        if not isinstance(value, dict):
-            remedy = 'write for example { law = "normal", mean = 0.6, sd = 0.1 }'
-            faults.append(source.fault("priors", name, "is not a law", remedy, value))
-            continue
-        try:
-            priors[name] = law_from_mapping(value)
-        except ValueError as error:
-            faults.append(source.fault("priors", name, "is not a law", str(error), value))
+        remedy = 'write for example { law = "normal", mean = 0.6, sd = 0.1 }'
+        if isinstance(value, dict):
+            try:
+                priors[name] = law_from_mapping(value)
+                continue
+            except ValueError as error:
+                remedy = str(error)
+        faults.append(source.fault("priors", name, "is not a law", remedy, value))
     return priors, faults
 
 
@@ -1222,10 +1208,8 @@ def _wrong_layer(tables: Mapping[str, Any], source: _Source) -> Iterator[Fault]:
     if layer.get("kind") == "elastomer":
         for name, unit in {"thickness": "mm", "C1": 'MPa, with unit = "MPa"'}.items():
             if name not in layer.keys() | paper.keys():
-                problem, remedy = (
-                    f"is an elastomer without {name}",
-                    f"give [constraint] {name} in {unit}",
-                )
+                problem = f"is an elastomer without {name}"
+                remedy = f"give [constraint] {name} in {unit}"
                 yield source.fault("constraint", "kind", problem, remedy, "elastomer")
         return
     for key in ("C1", "C2", "C3", "unit"):

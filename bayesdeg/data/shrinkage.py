@@ -2,7 +2,10 @@
 
 Source: doi:10.3389/frobt.2021.760485. Only water is lost; gelatin and glycerol stay. Eqs 10–11
 define α as conditioned over cured volume (V_2/V_1), the text says "before and after curing" and
-Eq. 17 uses V/V_0, so conditioned over poured volume is offered too.
+Eq. 17 uses V/V_0.
+
+Masses of a film [g] are m_0 as poured, m_1 as cured and m_2 as conditioned; ``mass`` is that of the
+same film in any of these states. They broadcast; the mixture is `USUAL` unless stated.
 """
 
 import math
@@ -17,28 +20,16 @@ from bayesdeg.data.settings import Mixture, MixtureRecipe
 Floats = npt.NDArray[np.float64]
 Masses = tuple[Floats, Floats, Floats]
 
+USUAL = Mixture()
+"""Gelatin, glycerol and water 2 : 1 : 8."""
 SMALL = 1e-4
 """Relative step of derivatives; their error is one part in 1e8."""
 
 
 def component_masses(
-    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture | None = None
+    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture = USUAL
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute the masses of gelatin, glycerol and water in a film, Eqs 12–14.
-
-    Parameters
-    ----------
-    mass_poured : array_like
-        m_0 [g].
-    mass : array_like, broadcastable
-        The same film in any later state, m_0, m_1 or m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    gelatin, glycerol, water : numpy.ndarray
-        [g]
+    """Compute the masses of gelatin, glycerol and water in a film, Eqs 12–14 [g].
 
     Raises
     ------
@@ -52,7 +43,6 @@ def component_masses(
     >>> [round(float(mass), 4) for mass in component_masses(30.0, 15.0)]
     [5.4545, 2.7273, 6.8182]
     """
-    mixture = mixture or Mixture()
     poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
     gelatin, glycerol, water = _parts(poured, now, mixture)
     if np.any(water < 0.0):
@@ -67,23 +57,11 @@ def component_masses(
 
 
 def film_volume(
-    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture | None = None
+    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture = USUAL
 ) -> Floats:
-    r"""Compute the volume of a film as the sum of its components, Eqs 7–10.
+    r"""Compute the volume of a film as the sum of its components, Eqs 7–10 [cm³].
 
     .. math:: V = m_{Gel}/\rho_{Gel} + m_{Gly}/\rho_{Gly} + m_w/\rho_w
-
-    Parameters
-    ----------
-    mass_poured, mass : array_like, broadcastable
-        m_0 and the mass in the requested state [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        [cm³]
 
     Examples
     --------
@@ -92,7 +70,6 @@ def film_volume(
     >>> round(float(film_volume(30.0, 15.0)), 4)
     13.0231
     """
-    mixture = mixture or Mixture()
     component_masses(mass_poured, mass, mixture)
     poured, now = np.broadcast_arrays(np.asarray(mass_poured, float), np.asarray(mass, float))
     return volume_of_parts(poured, now, mixture)
@@ -119,26 +96,14 @@ def _parts(poured: Floats, mass: Floats, mixture: Mixture) -> tuple[Floats, Floa
 
 
 def density_by_mass_average(
-    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture | None = None
+    mass_poured: npt.ArrayLike, mass: npt.ArrayLike, mixture: Mixture = USUAL
 ) -> Floats:
-    r"""Compute the density of a film by Eq. 15, the mass-weighted mean of densities.
+    r"""Compute the density of a film by Eq. 15, the mass-weighted mean of densities [g/cm³].
 
     .. math:: \rho = (m_{Gel}\rho_{Gel} + m_{Gly}\rho_{Gly} + m_w\rho_w) / m
 
     The correct mass-weighted mean is harmonic, so this is about 2 % too high; it reproduces the
     source.
-
-    Parameters
-    ----------
-    mass_poured, mass : array_like, broadcastable
-        m_0 and m_1 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        [g/cm³]
 
     Examples
     --------
@@ -147,7 +112,6 @@ def density_by_mass_average(
     >>> round(float(density_by_mass_average(30.0, 15.0)), 4)
     1.1745
     """
-    mixture = mixture or Mixture()
     gelatin, glycerol, water = component_masses(mass_poured, mass, mixture)
     weighted = (
         gelatin * mixture.gelatin_density
@@ -161,25 +125,13 @@ def volume_ratio(
     mass_poured: npt.ArrayLike,
     mass_cured: npt.ArrayLike,
     mass_conditioned: npt.ArrayLike,
-    mixture: Mixture | None = None,
+    mixture: Mixture = USUAL,
 ) -> Floats:
     r"""Compute the volume ratio of conditioned to cured film, Eqs 11 and 17.
 
     .. math:: \alpha = V_2/V_1 = 1 + \beta, \quad \beta = \frac{m_2 - m_1}{\rho_w V_1}
 
     with the exact V_1 of `film_volume`.
-
-    Parameters
-    ----------
-    mass_poured, mass_cured, mass_conditioned : array_like, broadcastable
-        m_0, m_1, m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        α [–]
 
     Examples
     --------
@@ -196,25 +148,13 @@ def volume_ratio_by_mass_average(
     mass_poured: npt.ArrayLike,
     mass_cured: npt.ArrayLike,
     mass_conditioned: npt.ArrayLike,
-    mixture: Mixture | None = None,
+    mixture: Mixture = USUAL,
 ) -> Floats:
     r"""Compute the volume ratio as the source does, Eqs 15–17.
 
     .. math:: \alpha = 1 + \frac{m_2 - m_1}{\rho_w} \frac{\rho_1}{m_1}
 
     with the density of `density_by_mass_average`.
-
-    Parameters
-    ----------
-    mass_poured, mass_cured, mass_conditioned : array_like, broadcastable
-        m_0, m_1, m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        α [–]
 
     Examples
     --------
@@ -223,39 +163,10 @@ def volume_ratio_by_mass_average(
     >>> round(float(volume_ratio_by_mass_average(30.0, 15.0, 10.0)), 4)
     0.6085
     """
-    mixture = mixture or Mixture()
     component_masses(mass_poured, mass_conditioned, mixture)
     cured, conditioned = np.asarray(mass_cured, float), np.asarray(mass_conditioned, float)
     volume = cured / density_by_mass_average(mass_poured, cured, mixture)
     return np.asarray(1.0 + (conditioned - cured) / (mixture.water_density * volume), float)
-
-
-def volume_ratio_to_mould(
-    mass_poured: npt.ArrayLike, mass_conditioned: npt.ArrayLike, mixture: Mixture | None = None
-) -> Floats:
-    r"""Compute the volume ratio of the conditioned film to the poured mixture, V_2/V_0.
-
-    Parameters
-    ----------
-    mass_poured, mass_conditioned : array_like, broadcastable
-        m_0 and m_2 [g].
-    mixture : Mixture, optional
-        Default 2 : 1 : 8.
-
-    Returns
-    -------
-    numpy.ndarray
-        [–]
-
-    Examples
-    --------
-    8.0231/28.0231:
-
-    >>> round(float(volume_ratio_to_mould(30.0, 10.0)), 4)
-    0.2863
-    """
-    conditioned = film_volume(mass_poured, mass_conditioned, mixture)
-    return conditioned / film_volume(mass_poured, mass_poured, mixture)
 
 
 @dataclass(frozen=True)
@@ -281,16 +192,7 @@ class Mean:
 
 
 def mean_of_replicates(values: npt.ArrayLike) -> Mean:
-    """Average replicate films.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        One value a film, at least one film.
-
-    Returns
-    -------
-    Mean
+    """Average replicate films, at least one, with one value each.
 
     Raises
     ------
@@ -317,18 +219,6 @@ def recipe_error(masses: Masses, recipe: MixtureRecipe) -> float:
 
     over its parts and densities x. All films share the recipe, so this error does not decrease with
     their number; it adds in squares to the standard error of the mean.
-
-    Parameters
-    ----------
-    masses : tuple of numpy.ndarray
-        m_0, m_1, m_2 of each film [g].
-    recipe : MixtureRecipe
-        Its values and their standard uncertainties.
-
-    Returns
-    -------
-    float
-        [–]
 
     Examples
     --------
@@ -370,13 +260,6 @@ def film_masses(table: pd.DataFrame) -> Masses:
 
 def mean_over_films(masses: Masses, recipe: MixtureRecipe) -> tuple[Mean, float]:
     """Average α over films, with their independent errors and that of the recipe.
-
-    Parameters
-    ----------
-    masses : tuple of numpy.ndarray
-        m_0, m_1, m_2 of each film [g].
-    recipe : MixtureRecipe
-        Recipe of all films.
 
     Returns
     -------
@@ -420,44 +303,9 @@ def mean_as_printed(masses: Masses, recipe: MixtureRecipe) -> Mean:
 def linear_scale(volume_ratio: npt.ArrayLike) -> Floats:
     """Compute the length of the part over that of the mould, s = α^(1/3), for equal shrinkage.
 
-    Parameters
-    ----------
-    volume_ratio : array_like
-        α, above 0 [–].
-
-    Returns
-    -------
-    numpy.ndarray
-        s [–]
-
     Examples
     --------
     >>> round(float(linear_scale(0.62)), 3)
     0.853
     """
     return np.asarray(np.cbrt(np.asarray(volume_ratio, float)), float)
-
-
-def linear_scale_error(volume_ratio: npt.ArrayLike, error: npt.ArrayLike) -> Floats:
-    r"""Carry the standard error of the volume ratio over to the linear scale, by the delta method.
-
-    .. math:: \sigma_s = \sigma_\alpha / (3 \alpha^{2/3})
-
-    Parameters
-    ----------
-    volume_ratio, error : array_like, broadcastable
-        α and its standard error [–].
-
-    Returns
-    -------
-    numpy.ndarray
-        σ_s [–]
-
-    Examples
-    --------
-    0.07/(3 × 0.62^(2/3)):
-
-    >>> round(float(linear_scale_error(0.62, 0.07)), 4)
-    0.0321
-    """
-    return np.asarray(error, float) / (3.0 * linear_scale(volume_ratio) ** 2)

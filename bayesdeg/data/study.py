@@ -105,10 +105,7 @@ def undeformed(tensile: pd.DataFrame) -> pd.Series:
 def at_rest(tables: Iterable[tuple[str, pd.DataFrame | None]]) -> tuple[Unused, ...]:
     """Return the rows of tables without load, whose readings are 0 by the laws or by definition.
 
-    Parameters
-    ----------
-    tables : iterable of (str, DataFrame or None)
-        Films or actuators, with the names of their files.
+    Tables are of films or actuators, with the names of their files.
     """
     found: list[Unused] = []
     for file, table in tables:
@@ -155,23 +152,17 @@ def check_table(
 ) -> CheckedTable:
     r"""Read one file of a study and check it against its table.
 
+    A cell that cannot be read is one fault and takes no part in further checks, so that one slip is
+    reported once.
+
     Parameters
     ----------
     content : bytes
         The file as stored.
     table : pandera.DataFrameSchema
-        One of `bayesdeg.data.tables.TABLES`.
+        Of a `bayesdeg.data.tables.Table`.
     degradation_sd_pct : float
         Standard error of a degradation rate where none is recorded [%].
-
-    Returns
-    -------
-    CheckedTable
-
-    Notes
-    -----
-    A cell that cannot be read is one fault and takes no part in further checks, so that one slip is
-    reported once.
 
     Examples
     --------
@@ -772,24 +763,18 @@ def _wrong_files(
     folder: Path, data_files: tuple[str, ...], found: set[str], unreadable: tuple[Fault, ...]
 ) -> Iterator[Fault]:
     there = found | {fault.file for fault in unreadable}
-    misnamed = dict(_misnamed(folder, data_files, there))
-    for name, meant in misnamed.items():
-        remedy = f"did you mean {meant!r}? Rename it, or give it a less similar name"
-        yield Fault(name, "is not an input file", remedy)
-    if SETTINGS_FILE not in {*there, *misnamed.values()}:
-        yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty: all keys have defaults")
-    if not ({*there, *misnamed.values()} & set(data_files)):
-        remedy = f"add at least one of {', '.join(data_files)}"
-        yield Fault(folder.resolve().name, "contains no data file", remedy)
-
-
-def _misnamed(
-    folder: Path, data_files: tuple[str, ...], there: set[str]
-) -> Iterator[tuple[str, str]]:
     known = {Path(name).stem: name for name in (SETTINGS_FILE, *data_files)}
+    meant = set(there)
     for path in sorted(folder.iterdir()):
         if path.name in there or path.suffix.casefold() not in (".csv", ".toml"):
             continue
         best = nearest(path.stem, known, cutoff=0.85)
         if best is not None:
-            yield path.name, known[best]
+            meant.add(known[best])
+            remedy = f"did you mean {known[best]!r}? Rename it, or give it a less similar name"
+            yield Fault(path.name, "is not an input file", remedy)
+    if SETTINGS_FILE not in meant:
+        yield Fault(SETTINGS_FILE, "is missing", "add it; it may be empty: all keys have defaults")
+    if not meant & set(data_files):
+        remedy = f"add at least one of {', '.join(data_files)}"
+        yield Fault(folder.resolve().name, "contains no data file", remedy)

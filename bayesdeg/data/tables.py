@@ -35,10 +35,6 @@ def row_check(
     holds : callable
         Takes the checked columns and returns for every row whether the rule holds. Missing cells
         satisfy it.
-
-    Returns
-    -------
-    pandera.Check
     """
     return pa.Check(
         holds,
@@ -50,14 +46,7 @@ def row_check(
 
 
 def broken(check: pa.Check, data: pd.DataFrame | pd.Series) -> list[int]:
-    """Return the rows of a table, or of one of its columns, that break a check.
-
-    Parameters
-    ----------
-    check : pandera.Check
-        From `TABLES`.
-    data : DataFrame or Series
-        The table for a row check, else the column; missing cells pass.
+    """Return the rows of a table, for a row check, or else of a column, that break a check.
 
     Examples
     --------
@@ -69,20 +58,7 @@ def broken(check: pa.Check, data: pd.DataFrame | pd.Series) -> list[int]:
 
 
 def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> pa.Check:
-    """Check that one column does not exceed another.
-
-    Parameters
-    ----------
-    lower, upper : str
-        The two columns.
-    remedy : str
-        What would be right.
-    strictly : bool
-        Whether equal values are refused too.
-
-    Returns
-    -------
-    pandera.Check
+    """Check that one column does not exceed another, or, ``strictly``, is below it.
 
     Examples
     --------
@@ -101,19 +77,7 @@ def at_most(lower: str, upper: str, remedy: str, *, strictly: bool = False) -> p
 
 
 def once(column: str, remedy: str) -> pa.Check:
-    """Check that a label is unique.
-
-    Parameters
-    ----------
-    column : str
-        The label.
-    remedy : str
-        What would be right.
-
-    Returns
-    -------
-    pandera.Check
-    """
+    """Check that a label is unique."""
 
     def holds(frame: pd.DataFrame) -> pd.Series:
         return frame[column].isna() | ~frame.duplicated([column])
@@ -122,7 +86,7 @@ def once(column: str, remedy: str) -> pa.Check:
 
 
 def not_all_zero(column: str, *within: str, least: float, remedy: str) -> pa.Check:
-    """Check that something was applied or measured.
+    """Check that something was applied or measured; broken on the first row of a group.
 
     Parameters
     ----------
@@ -134,11 +98,6 @@ def not_all_zero(column: str, *within: str, least: float, remedy: str) -> pa.Che
         A value below this, in the column's unit, counts as 0.
     remedy : str
         What would be right.
-
-    Returns
-    -------
-    pandera.Check
-        Broken on the first row of a group.
 
     Examples
     --------
@@ -198,14 +157,6 @@ def _pressure_proceeds(frame: pd.DataFrame) -> pd.Series:
     return ~(backwards & ~held)
 
 
-def _time_proceeds(frame: pd.DataFrame) -> pd.Series:
-    return ~(frame["time_s"] < _previous(frame, "time_s"))
-
-
-def _curvature_recorded(frame: pd.DataFrame) -> pd.Series:
-    return frame["curvature_per_m"].notna() | (frame["ruptured"] == 1)
-
-
 ONE_DEGRADATION = row_check(
     "degradation_pct",
     "differs from the degradation rate of the same specimen on an earlier row",
@@ -234,14 +185,14 @@ TIME_PROCEEDS = row_check(
     "is earlier than in the previous row of the same branch",
     "sort the rows in the order of reading",
     (*BRANCH, "time_s"),
-    _time_proceeds,
+    lambda frame: ~(frame["time_s"] < _previous(frame, "time_s")),
 )
 CURVATURE_RECORDED = row_check(
     "curvature_per_m",
     "is empty although the specimen has not burst",
     "give the curvature; it may be empty only in the row with ruptured = 1",
     ("curvature_per_m", "ruptured"),
-    _curvature_recorded,
+    lambda frame: frame["curvature_per_m"].notna() | (frame["ruptured"] == 1),
 )
 SOMETHING_APPLIED = not_all_zero(
     "pressure_kPa",
@@ -267,8 +218,6 @@ UNITS_OF_STATISTICS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "mass_loss_slope": (*_NONE, "%/%"),
     }
 )
-_COUNTS = ("ruptured_count", "tested_count")
-_POSITIVE = ("young_modulus", "elongation_at_break", "volume_ratio")
 
 
 def _unit_is_right(frame: pd.DataFrame) -> pd.Series:
@@ -278,17 +227,18 @@ def _unit_is_right(frame: pd.DataFrame) -> pd.Series:
     return pd.Series(good, index=frame.index, dtype=bool)
 
 
-def _value_is_positive(frame: pd.DataFrame) -> pd.Series:
-    return ~(frame["quantity"].isin(_POSITIVE) & (frame["value"] <= 0.0))
+def _value_check(
+    quantities: tuple[str, ...],
+    problem: str,
+    remedy: str,
+    wrong: Callable[[pd.Series], pd.Series],
+) -> pa.Check:
+    """Check the values of some statistics."""
 
+    def holds(frame: pd.DataFrame) -> pd.Series:
+        return ~(frame["quantity"].isin(quantities) & wrong(frame["value"]))
 
-def _value_is_count(frame: pd.DataFrame) -> pd.Series:
-    wrong = (frame["value"] < 0.0) | (frame["value"] % 1.0 > 0.0)
-    return ~(frame["quantity"].isin(_COUNTS) & wrong)
-
-
-def _value_is_at_most_one(frame: pd.DataFrame) -> pd.Series:
-    return ~((frame["quantity"] == "r_squared") & (frame["value"] > 1.0))
+    return row_check("value", problem, remedy, ("quantity", "value"), holds)
 
 
 SUMMARY_CHECKS = (
@@ -299,26 +249,23 @@ SUMMARY_CHECKS = (
         ("quantity", "unit"),
         _unit_is_right,
     ),
-    row_check(
-        "value",
+    _value_check(
+        ("young_modulus", "elongation_at_break", "volume_ratio"),
         "is not above 0",
         "give a number above 0",
-        ("quantity", "value"),
-        _value_is_positive,
+        lambda value: value <= 0.0,
     ),
-    row_check(
-        "value",
+    _value_check(
+        ("ruptured_count", "tested_count"),
         "is not a count",
         "give a whole number, 0 or above",
-        ("quantity", "value"),
-        _value_is_count,
+        lambda value: (value < 0.0) | (value % 1.0 > 0.0),
     ),
-    row_check(
-        "value",
+    _value_check(
+        ("r_squared",),
         "is above 1, impossible for R²",
         "give 1 − SSE/SST",
-        ("quantity", "value"),
-        _value_is_at_most_one,
+        lambda value: value > 1.0,
     ),
 )
 

@@ -45,7 +45,7 @@ class JointModel:
         Parameters, without those of the causes.
     observations : tuple of Observations
         The data, each kind once.
-    world : World
+    world : FilmsAndActuators or Formula
         Conversion of parameters to what the kinds of data need.
     causes : tuple of Cause
         Active causes.

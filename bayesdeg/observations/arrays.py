@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from bayesdeg.causes.cause import Conditions
 from bayesdeg.observations.kinds import (
     Deviations,
     Grouped,
@@ -25,31 +26,80 @@ from bayesdeg.observations.kinds import (
 from bayesdeg.observations.noise import Linearised, Paths, blocks_of_covariance, innovations
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 
-def padded(columns: Sequence["pd.Series[float]"], size: int, *, fill: float) -> Floats:
-    """Return columns as rows of equal length, padded where shorter."""
-    out = np.full((len(columns), size), fill)
-    for row, column in enumerate(columns):
-        out[row, : len(column)] = column.to_numpy(np.float64)
-    return out
+@dataclass(frozen=True)
+class PaddedRows:
+    """Rows of a table, specimen by specimen, as arrays of shape (n_specimens, n_points).
+
+    Parameters
+    ----------
+    groups : list of DataFrame
+        The rows of each specimen.
+    """
+
+    groups: list[pd.DataFrame]
+
+    @property
+    def lengths(self) -> NDArray[np.intp]:
+        """Number of rows of each specimen."""
+        return np.array([len(group) for group in self.groups])
+
+    @property
+    def specimens(self) -> tuple[str, ...]:
+        """Name of each specimen."""
+        return tuple(str(group["specimen_id"].iloc[0]) for group in self.groups)
+
+    @property
+    def recorded(self) -> Flags:
+        """Where there is a row."""
+        return np.arange(self.lengths.max()) < self.lengths[:, None]
+
+    def first(self, name: str) -> Floats:
+        """Return the numbers of a column in the first row of each specimen, (n_specimens,)."""
+        return np.array([float(group[name].iloc[0]) for group in self.groups])
+
+    def numbers(self, name: str, fill: float) -> Floats:
+        """Return a column of numbers, filled where there is no row."""
+        out = np.full((len(self.groups), self.lengths.max()), fill)
+        for row, group in zip(out, self.groups, strict=True):
+            row[: len(group)] = group[name].to_numpy(np.float64)
+        return out
+
+    def words(self, name: str, fill: str = "") -> NDArray[np.str_]:
+        """Return a column of words, filled where there is no row, by default with the last word."""
+        columns, size = [group[name] for group in self.groups], self.lengths.max()
+        return np.array([[*one, *[fill or one.iloc[-1]] * (size - len(one))] for one in columns])
+
+
+def rows_of_specimens(table: pd.DataFrame) -> PaddedRows:
+    """Return the rows of each specimen, in order of first appearance."""
+    return PaddedRows([group for _, group in table.groupby("specimen_id", sort=False)])
+
+
+def histories(conditions: Conditions) -> NDArray[np.str_]:
+    """Return branch, cycle and mount of each reading, such as ``loading 1 horizontal``."""
+    branch = np.where(conditions.unloading, "unloading", "loading")
+    path = np.char.add(np.char.add(branch, " "), conditions.cycle.astype(np.str_))
+    return np.char.add(np.char.add(path, " "), conditions.mount)
 
 
 def chosen[T](data: T, rows: Rows) -> T:
     """Select specimens from a frozen dataclass whose fields have one entry per specimen.
 
-    A field may be None: nothing was recorded.
+    A single value is that of all specimens.
     """
     found: dict[str, Any] = {}
     for field in fields(data):  # type: ignore[arg-type]
         value = getattr(data, field.name)
-        if value is None:
-            continue
         if isinstance(value, tuple):
             found[field.name] = tuple(value[i] for i in rows)
-        else:
-            found[field.name] = chosen(value, rows) if is_dataclass(value) else value[rows]
+        elif is_dataclass(value):
+            found[field.name] = chosen(value, rows)
+        elif value.ndim:
+            found[field.name] = value[rows]
     changed: T = replace(data, **found)  # type: ignore[type-var]
     return changed
 

@@ -20,7 +20,13 @@ from bayesdeg.compiled import compiled
 from bayesdeg.data.batches import batch_numbers, batch_order, recorded_batches
 from bayesdeg.data.plausibility import computed_angles
 from bayesdeg.data.study import Study
-from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
+from bayesdeg.observations.arrays import (
+    PathReadings,
+    chosen,
+    histories,
+    places_of_tests,
+    rows_of_specimens,
+)
 from bayesdeg.observations.kinds import (
     Deviations,
     Observations,
@@ -167,9 +173,9 @@ class ActuatorCurves:
     mount : array of str, shape (n_specimens, n_points)
         Mount of the specimen.
     temperature : array, shape (n_specimens, n_points), optional
-        Of the room [°C]; nan where not recorded.
+        Of the room [°C]; nan where not recorded, the default.
     batch : array of int, shape (n_specimens, 1), optional
-        Number of its batch, see `bayesdeg.data.batches.batch_numbers`.
+        Number of its batch, see `bayesdeg.data.batches.batch_numbers`; by default 0.
     batch_name : array of str, shape (n_specimens, 1), optional
         Name of its batch; empty where none is recorded.
     """
@@ -191,9 +197,9 @@ class ActuatorCurves:
     time: Floats
     humidity: Floats
     mount: NDArray[np.str_]
-    temperature: Floats | None = None
-    batch: NDArray[np.int64] | None = None
-    batch_name: NDArray[np.str_] | None = None
+    temperature: Floats = field(default_factory=lambda: np.array(np.nan))
+    batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
+    batch_name: NDArray[np.str_] = field(default_factory=lambda: np.array(""))
 
     @cached_property
     def conditions(self) -> Conditions:
@@ -206,8 +212,8 @@ class ActuatorCurves:
             unloading=self.branch == "unloading",
             humidity=self.humidity,
             mount=self.mount,
-            temperature=np.array(np.nan) if self.temperature is None else self.temperature,
-            batch=np.array(0) if self.batch is None else self.batch,
+            temperature=self.temperature,
+            batch=self.batch,
         )
 
     @cached_property
@@ -277,41 +283,36 @@ def actuator_curves(study: Study) -> ActuatorCurves | None:
     if study.line_points is None:
         computed = computed_angles(table)
         table = table.assign(bend_angle_deg=table["bend_angle_deg"].mask(computed))
-    groups = [g for _, g in table.groupby("specimen_id", sort=False)]
-    size = max(len(g) for g in groups)
-    pressure = padded([g["pressure_kPa"] for g in groups], size, fill=0.0)
-    curvature = padded([g["curvature_per_m"] for g in groups], size, fill=np.nan)
+    rows = rows_of_specimens(table)
+    pressure = rows.numbers("pressure_kPa", 0.0)
+    curvature = rows.numbers("curvature_per_m", np.nan)
     mask = np.isfinite(curvature) & (pressure > 0.0)
-    known_sd = padded([g["curvature_sd_per_m"] for g in groups], size, fill=0.0)
-    angle = padded([g["bend_angle_deg"] for g in groups], size, fill=np.nan)
-    known_angle_sd = padded([g["bend_angle_sd_deg"] for g in groups], size, fill=0.0)
+    angle = rows.numbers("bend_angle_deg", np.nan)
     angle_mask = np.isfinite(angle) & mask
     if not mask.any():
         return None
-    specimens = tuple(str(g["specimen_id"].iloc[0]) for g in groups)
     batches = recorded_batches(table)
     return ActuatorCurves(
-        specimens=specimens,
-        degradation=np.array([[float(g["degradation_pct"].iloc[0])] for g in groups]),
-        degradation_sd=np.array([[float(g["degradation_sd_pct"].iloc[0])] for g in groups]),
+        specimens=rows.specimens,
+        degradation=rows.first("degradation_pct")[:, None],
+        degradation_sd=rows.first("degradation_sd_pct")[:, None],
         pressure=pressure,
         curvature=np.where(mask, curvature, 0.0),
-        curvature_sd=np.nan_to_num(known_sd),
-        angle_sd=np.nan_to_num(known_angle_sd),
+        curvature_sd=np.nan_to_num(rows.numbers("curvature_sd_per_m", 0.0)),
+        angle_sd=np.nan_to_num(rows.numbers("bend_angle_sd_deg", 0.0)),
         mask=mask,
         bend_angle=np.where(angle_mask, angle, 0.0),
         angle_mask=angle_mask,
-        recorded=np.arange(size) < np.array([len(g) for g in groups])[:, None],
-        ruptured=padded([g["ruptured"] for g in groups], size, fill=0.0) > 0.5,
-        cycle=padded([g["cycle"] for g in groups], size, fill=1.0).astype(np.int64),
-        time=padded([g["time_s"] for g in groups], size, fill=np.nan),
-        humidity=padded([g["humidity_pct"] for g in groups], size, fill=np.nan),
-        # missing rows get the mount of the existing ones
-        mount=np.array([[*g["mount"], *[g["mount"].iloc[-1]] * (size - len(g))] for g in groups]),
-        branch=np.array([[*g["branch"], *["loading"] * (size - len(g))] for g in groups]),
-        temperature=padded([g["temperature_C"] for g in groups], size, fill=np.nan),
+        recorded=rows.recorded,
+        ruptured=rows.numbers("ruptured", 0.0) > 0.5,
+        cycle=rows.numbers("cycle", 1.0).astype(np.int64),
+        time=rows.numbers("time_s", np.nan),
+        humidity=rows.numbers("humidity_pct", np.nan),
+        mount=rows.words("mount"),
+        branch=rows.words("branch", "loading"),
+        temperature=rows.numbers("temperature_C", np.nan),
         batch=batch_numbers(table, batch_order(study.tensile, table))[:, None],
-        batch_name=np.array([[batches.get(name, "")] for name in specimens]),
+        batch_name=np.array([[batches.get(name, "")] for name in rows.specimens]),
     )
 
 
@@ -475,17 +476,7 @@ class Predicted(NamedTuple):
 
 
 class AtPressures(Protocol):
-    """Tests of actuators at pressures, with any kind of reading.
-
-    Parameters
-    ----------
-    specimens : tuple of str
-        One per test.
-    degradation, degradation_sd : array, shape (n_specimens, 1)
-        D_R as measured and its standard error [%].
-    conditions : Conditions
-        Set and recorded conditions.
-    """
+    """Tests of actuators at pressures, with any kind of reading, as `PressureTests`."""
 
     @property
     def specimens(self) -> tuple[str, ...]: ...  # noqa: D102
@@ -522,7 +513,25 @@ def parts_of(state: State[FilmsAndActuators], data: AtPressures) -> ActuatorMate
 
 def predict(state: State[FilmsAndActuators], data: ActuatorCurves, deviation: Floats) -> Predicted:
     """Predict readings at these deviations of ln stiffness, (n, n_specimens, 1)."""
-    return _readings(data, state.values, *_predictions(state, data, deviation))
+    values, (mechanics, prediction) = state.values, _predictions(state, data, deviation)
+    noise = values["curvature_noise"][:, None, None] * prediction.curvature
+    floor = values["curvature_noise_floor"][:, None, None]
+    mean, slope = prediction.curvature, -prediction.slope
+    variance = floor**2 + noise**2 + prediction.sd**2 + data.curvature_sd**2
+    if not data.with_angle:
+        return Predicted(prediction, mean, slope, variance)
+    angle = prediction.bend_angle
+    # the bottom line's length hardly depends on pressure: angle and curvature are proportional
+    growth = mechanics.slope / np.where(mechanics.curvature == 0.0, np.inf, mechanics.curvature)
+    noise = values["bend_angle_noise"][:, None, None] * angle
+    floor = values["bend_angle_noise_floor"][:, None, None]
+    of_angle = floor**2 + noise**2 + prediction.bend_angle_sd**2 + data.angle_sd**2
+    return Predicted(
+        prediction,
+        np.concatenate([mean, angle], axis=-1),
+        np.concatenate([slope, -angle * growth], axis=-1),
+        np.concatenate([variance, of_angle], axis=-1),
+    )
 
 
 def mechanics_inputs(
@@ -530,29 +539,28 @@ def mechanics_inputs(
 ) -> Inputs:
     """Return the inputs of the mechanics under causes.
 
-    Parameters
-    ----------
-    state : State
-        Named values, (n,).
-    data : AtPressures
-        The tests.
-    deviation : array, shape (n, n_specimens, 1)
-        Of each specimen's ln stiffness.
+    The deviations of the specimens' ln stiffness have shape (n, n_specimens, 1).
     """
-    values, material = state.values, state.once(parts_of, data).material
+    constants = state.once(parts_of, data).material.constants
     factor = np.exp(deviation)
-    c1, c2, c3 = (material.constants[..., i, None] * factor for i in range(3))
-    inputs = Inputs(
-        pressure=data.conditions.pressure,
-        c1=c1,
-        c2=c2,
-        c3=c3,
+    c1, c2, c3 = (constants[..., i, None] * factor for i in range(3))
+    inputs = inputs_without_causes(state, data.conditions.pressure, (c1, c2, c3))
+    return applied("on_inputs", inputs, data.conditions, state.acting())
+
+
+def inputs_without_causes(
+    state: State[FilmsAndActuators], pressure: Floats, constants: tuple[Floats, Floats, Floats]
+) -> Inputs:
+    """Return the inputs of the mechanics at pressures [kPa] and Yeoh constants [MPa]."""
+    values, world = state.values, state.world
+    return Inputs(
+        pressure,
+        *constants,
         linear_scale=linear_scale(values)[:, None, None],
         paper_stiffness=layer_stiffness(values)[:, None, None],
-        paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
-        dimensions=state.world.sizes(values),
+        paper_thickness=np.full((1, 1, 1), world.paper_thickness),
+        dimensions=world.sizes(values),
     )
-    return applied("on_inputs", inputs, data.conditions, state.acting())
 
 
 def _predictions(
@@ -651,8 +659,7 @@ def _curves(mechanics: Prediction, prediction: Prediction) -> Curves:
         mechanics.slope,
     )
     shape = curves[0].shape
-    whole = (c if c.shape == shape else np.broadcast_to(c, shape) for c in curves)
-    return Curves(*map(np.ascontiguousarray, whole))
+    return Curves(*(np.ascontiguousarray(np.broadcast_to(one, shape)) for one in curves))
 
 
 def reading_correlation(values: Named, data: ActuatorCurves) -> Floats:
@@ -699,44 +706,16 @@ def common_error(state: State[FilmsAndActuators], data: ActuatorCurves) -> Float
     g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit variance on average over pressures
     and degradation rates; without u₂, g = u₀ √(2/3) + u₁ (2 p/p_max − 1).
     """
-    names = ("emulator_error_level", "emulator_error_pressure", "emulator_error_degradation")
-    level, by_pressure, by_degradation = (
-        state.values[name][:, None, None] if name in state.values else None for name in names
-    )
-    assert level is not None
-    assert by_pressure is not None
+    given = {name: value[:, None, None] for name, value in state.values.items()}
+    level, by_pressure = given["emulator_error_level"], given["emulator_error_pressure"]
     pressures = 2.0 * data.pressure / state.world.largest_pressure - 1.0
-    if by_degradation is None:
+    if "emulator_error_degradation" not in given:
         alone: Floats = level * np.sqrt(2.0 / 3.0) + by_pressure * pressures
         return alone
+    by_degradation = given["emulator_error_degradation"]
     rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
     error: Floats = (level / np.sqrt(3.0) + by_degradation * rates) + by_pressure * pressures
     return error
-
-
-def _readings(
-    data: ActuatorCurves, values: Named, mechanics: Prediction, prediction: Prediction
-) -> Predicted:
-    noise = values["curvature_noise"][:, None, None] * prediction.curvature
-    floor = values["curvature_noise_floor"][:, None, None]
-    mean, slope = prediction.curvature, -prediction.slope
-    variance = floor**2 + noise**2 + prediction.sd**2 + data.curvature_sd**2
-    if not data.with_angle:
-        return Predicted(prediction, mean, slope, variance)
-    angle = prediction.bend_angle
-    # the bottom line's length hardly depends on pressure: angle and curvature are proportional
-    growth = mechanics.slope / np.where(mechanics.curvature == 0.0, np.inf, mechanics.curvature)
-    noise = values["bend_angle_noise"][:, None, None] * angle
-    floor = values["bend_angle_noise_floor"][:, None, None]
-    return Predicted(
-        prediction,
-        np.concatenate([mean, angle], axis=-1),
-        np.concatenate([slope, -angle * growth], axis=-1),
-        np.concatenate(
-            [variance, floor**2 + noise**2 + prediction.bend_angle_sd**2 + data.angle_sd**2],
-            axis=-1,
-        ),
-    )
 
 
 @dataclass(frozen=True)
@@ -795,13 +774,12 @@ class Curvature(PathReadings[ActuatorCurves]):
     @override
     def places(self) -> Places:
         data = self.tests
-        path = np.char.add(np.char.add(data.branch, " "), data.cycle.astype(np.str_))
         return places_of_tests(
             data,
             (CURVATURE, ANGLE) if data.with_angle else (CURVATURE,),
             ACTUATOR,
             data.pressure,
-            np.char.add(np.char.add(path, " "), data.mount),
+            histories(data.conditions),
             time=data.time,
             humidity=data.humidity,
         )
@@ -847,12 +825,7 @@ class Curvature(PathReadings[ActuatorCurves]):
     ) -> Predicted:
         """Return expected readings of the actuators, with error variances.
 
-        Parameters
-        ----------
-        state : State
-            Named values, (n,).
-        deviation : array, shape (n, n_specimens, 1), optional
-            Deviation of each specimen's ln stiffness; by default 0.
+        Deviations of the specimens' ln stiffness, (n, n_specimens, 1), are 0 by default.
         """
         if deviation is None:
             deviation = np.zeros((*state.once(parts_of, self.tests).spread.shape, 1))
@@ -873,7 +846,7 @@ class Curvature(PathReadings[ActuatorCurves]):
 
     def deviation_sd(self, state: State[FilmsAndActuators]) -> Floats:
         """Return τ of each actuator, shape (n, n_specimens, 1)."""
-        return np.sqrt(state.once(parts_of, self.tests).spread)[..., None]
+        return deviation_sd(state, self.tests)
 
     def drawn_deviations(
         self, state: State[FilmsAndActuators], generator: np.random.Generator
@@ -884,12 +857,9 @@ class Curvature(PathReadings[ActuatorCurves]):
 
     @override
     def drawn(self, state: State[FilmsAndActuators], generator: np.random.Generator) -> Floats:
-        """Draw readings of new specimens in the same tests, one set per draw.
+        """Draw readings of new specimens, (n, n_specimens, n_readings).
 
-        Returns
-        -------
-        array, shape (n, n_specimens, n_readings)
-            Curvatures [1/m], then bend angles [°]; nan where the forward map has no solution.
+        Curvatures [1/m], then bend angles [°]; nan where the forward map has no solution.
         """
         return draw_readings(state, self.tests, generator).readings
 
@@ -928,6 +898,11 @@ class Curvature(PathReadings[ActuatorCurves]):
         return found
 
 
+def deviation_sd(state: State[FilmsAndActuators], data: AtPressures) -> Floats:
+    """Return τ of each actuator's ln stiffness, (n, n_specimens, 1)."""
+    return np.sqrt(state.once(parts_of, data).spread)[..., None]
+
+
 class DrawnCurves(NamedTuple):
     """Readings of new specimens.
 
@@ -950,7 +925,7 @@ def draw_readings(
     state: State[FilmsAndActuators], data: ActuatorCurves, generator: np.random.Generator
 ) -> DrawnCurves:
     """Draw readings of new specimens, see `Curvature.drawn`, and their predictions."""
-    sd = np.sqrt(state.once(parts_of, data).spread)[..., None]
+    sd = deviation_sd(state, data)
     deviation = sd * generator.standard_normal(sd.shape)
     predicted = predict(state, data, deviation)
     length = state.values["curvature_noise_length"]

@@ -235,14 +235,11 @@ def _held_forces(state: State[FilmsAndActuators], data: HeldTip) -> Linearised:
 
     F = C1 f(p/C1), so its derivative by ln stiffness is F − p ∂F/∂p.
     """
-    values, parts = state.values, state.once(parts_of, data.tests)
-    found = data.answered(state, np.zeros((*parts.spread.shape, 1)))
-    shape = (*parts.spread.shape, data.tests.mask.shape[1])
-    error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
+    values, spread = state.values, state.once(parts_of, data.tests).spread
+    found = data.answered(state, np.zeros((*spread.shape, 1)))
     gain = values["force_gain"][:, None, None]
-    mean = np.broadcast_to(gain * (found.value + error * found.sd), shape)
-    slope = np.broadcast_to(gain * (found.value - found.slope), shape)
-    return data.of_mean(values, mean, slope, parts.spread)
+    mean = gain * (found.value + data.common_error(values) * found.sd)
+    return data.of_mean(values, mean, gain * (found.value - found.slope), spread)
 
 
 def from_study(study: Study) -> tuple[TipForce | HeldTip, ...]:

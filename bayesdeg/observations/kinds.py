@@ -84,42 +84,6 @@ NOWHERE = Places(_NO_WORDS, _NO_WORDS, _NO_NUMBERS, _NO_NUMBERS, _NO_WORDS, _NO_
 """Empty places."""
 
 
-class World(Protocol):
-    """Maps parameters to what kinds of data need."""
-
-    @property
-    def is_limited(self) -> bool:
-        """Whether allowed parameters may have no solution, so that a start must be searched."""
-        ...
-
-    @property
-    def is_factored(self) -> bool:
-        """Whether densities without data provide their factors."""
-        ...
-
-    @property
-    def degrades(self) -> bool:
-        """Whether anything in the study degrades; assumed where it is unknown."""
-        ...
-
-    @property
-    def continued(self) -> Self:
-        """The same world with an extrapolating forward map, if possible.
-
-        Extrapolated values only serve to linearise a model and to simulate readings about its mode;
-        they are not predictions.
-        """
-        ...
-
-    def check(self, causes: tuple[Cause, ...]) -> None:
-        """Refuse causes that have no effect on it."""
-        ...
-
-    def allows(self, values: Named, levels: Floats) -> Flags:
-        """Return which values are possible with specimens of these levels, (n,)."""
-        ...
-
-
 @dataclass(frozen=True)
 class State[W]:
     """Values of all parameters, with cached results shared by several kinds of data.

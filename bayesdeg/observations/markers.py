@@ -166,7 +166,10 @@ def _read(
 ) -> pd.DataFrame:
     """Return the table of actuators read from lines."""
     even = [evenly(one, count) for one in points]
-    sd = [_even_errors(line, count) for line in lines]
+    ends, sd = np.linspace(0.0, 1.0, count), list[Floats]()
+    for line in lines:
+        given = line["sd_mm"].fillna(0.0).to_numpy(np.float64)
+        sd.append(np.interp(ends, np.linspace(0.0, 1.0, len(given)), given))
     bends = [read_line(one, operator) for one in even]
     angle = np.array([bend.angle for bend in bends])
     arc = np.array([bend.arc_length for bend in bends]) / MILLIMETRES_PER_METRE
@@ -199,12 +202,6 @@ def _points(line: pd.DataFrame) -> Floats:
     found = line[[*_PIXELS]].to_numpy(np.float64) * [1.0, -1.0]
     found *= line["scale_mm_per_px"].to_numpy(np.float64)[:, None]
     return found
-
-
-def _even_errors(line: pd.DataFrame, count: int) -> Floats:
-    sd = line["sd_mm"].fillna(0.0).to_numpy(np.float64)
-    even: Floats = np.interp(np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, len(sd)), sd)
-    return even
 
 
 def _towards_the_paper(rows: pd.DataFrame, angle: Floats) -> Floats:

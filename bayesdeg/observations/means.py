@@ -84,17 +84,9 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
             dof = count - 1.0 if count > 1.0 else float("inf")
             if pd.notna(row["sd"]):
                 level = float(row["degradation_pct"]) if pd.notna(row["degradation_pct"]) else 0.0
-                se = float(row["sd"]) / np.sqrt(max(count, 1.0))
-                found.append(
-                    Statistic(
-                        str(row["quantity"]),
-                        level,
-                        float(row["value"]),
-                        se,
-                        str(row["source"]),
-                        dof,
-                    )
-                )
+                value, se = float(row["value"]), float(row["sd"]) / np.sqrt(max(count, 1.0))
+                name, source = str(row["quantity"]), str(row["source"])
+                found.append(Statistic(name, level, value, se, source, dof))
     if study.shrinkage is not None and len(study.shrinkage) > 1:
         mean, dof = mean_over_films(film_masses(study.shrinkage), study.settings.shrinkage)
         source = f"shrinkage.csv, {mean.count} films"
@@ -103,11 +95,6 @@ def statistics(study: Study) -> tuple[Statistic, ...]:
     if vendor.modulus_100 is not None:
         value, se = (MPA * number for number in (vendor.modulus_100.value, vendor.modulus_100.sd))
         found.append(Statistic("modulus_100", 0.0, value, se, f"study.toml, {vendor.source}"))
-    _refuse_zero_errors(found)
-    return tuple(found)
-
-
-def _refuse_zero_errors(found: list[Statistic]) -> None:
     faults = [
         Fault(
             s.source if s.source.startswith("shrinkage.csv") else "summary.csv",
@@ -119,6 +106,7 @@ def _refuse_zero_errors(found: list[Statistic]) -> None:
     ]
     if faults:
         raise StudyError(faults)
+    return tuple(found)
 
 
 def expected_statistics(
@@ -224,11 +212,11 @@ class Means(Grouped):
         generator: np.random.Generator,
         drawn: tuple[Observations, ...],
     ) -> tuple[Observations, ...]:
-        expected = self._expected(state)[0]
-        again = (
-            replace(s, value=float(mean) + s.se * _standard(s.dof, generator))
-            for s, mean in zip(self.statistics, expected, strict=True)
-        )
+        again = []
+        for s, mean in zip(self.statistics, self._expected(state)[0], strict=True):
+            is_normal = np.isinf(s.dof)
+            score = generator.standard_normal() if is_normal else generator.standard_t(s.dof)
+            again.append(replace(s, value=float(mean) + s.se * score))
         return (*drawn, Means(tuple(again)))
 
     def compared(self, state: State[FilmsAndActuators]) -> list[Compared]:
@@ -245,10 +233,6 @@ class Means(Grouped):
 
     def _levels(self, quantity: str) -> Floats:
         return np.array([s.degradation for s in self.statistics if s.quantity == quantity])
-
-
-def _standard(dof: float, generator: np.random.Generator) -> float:
-    return generator.standard_normal() if np.isinf(dof) else generator.standard_t(dof)
 
 
 def from_study(study: Study) -> tuple[Means, ...]:

@@ -17,7 +17,13 @@ from bayesdeg.actuator.inputs import Further
 from bayesdeg.causes.cause import Conditions
 from bayesdeg.data.batches import batch_numbers
 from bayesdeg.errors import BayesdegError
-from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
+from bayesdeg.observations.arrays import (
+    PathReadings,
+    chosen,
+    histories,
+    places_of_tests,
+    rows_of_specimens,
+)
 from bayesdeg.observations.curvature import LONGEST_NOISE, mechanics_inputs
 from bayesdeg.observations.kinds import Places, Rows, Scale, State, Stored
 from bayesdeg.observations.noise import (
@@ -111,34 +117,32 @@ def pressure_tests(
     """
     if table is None or column not in table:
         return None
-    groups = [group for _, group in table.groupby("specimen_id", sort=False)]
-    size = max(map(len, groups))
-
-    def filled(name: str, fill: float) -> Floats:
-        return padded([group[name] for group in groups], size, fill=fill)
-
-    def words(name: str, rest: str) -> NDArray[np.str_]:
-        return np.array([[*group[name], *[rest] * (size - len(group))] for group in groups])
-
-    pressure, read = filled("pressure_kPa", 0.0), filled(column, np.nan)
+    rows = rows_of_specimens(table)
+    pressure, read = rows.numbers("pressure_kPa", 0.0), rows.numbers(column, np.nan)
     mask = np.isfinite(read) & (pressure > 0.0)
-    degradation = filled("degradation_pct", 0.0)[:, :1]
-    found = Conditions(
+    if not mask.any():
+        return None
+    degradation = rows.first("degradation_pct")[:, None]
+    conditions = Conditions(
         pressure,
         degradation,
-        time=filled("time_s", np.nan),
-        cycle=filled("cycle", 1.0).astype(np.int64),
-        unloading=words("branch", "loading") == "unloading",
-        humidity=filled("humidity_pct", np.nan),
+        time=rows.numbers("time_s", np.nan),
+        cycle=rows.numbers("cycle", 1.0).astype(np.int64),
+        unloading=rows.words("branch", "loading") == "unloading",
+        humidity=rows.numbers("humidity_pct", np.nan),
         # missing rows get the most common mount
-        mount=words("mount", "horizontal"),
-        temperature=filled("temperature_C", np.nan),
+        mount=rows.words("mount", "horizontal"),
+        temperature=rows.numbers("temperature_C", np.nan),
         batch=batch_numbers(table, batches)[:, None],
     )
-    names = tuple(str(group["specimen_id"].iloc[0]) for group in groups)
-    sd = filled("degradation_sd_pct", 0.0)[:, :1]
-    tests = PressureTests(names, degradation, sd, found, np.where(mask, read, 0.0), mask)
-    return tests if mask.any() else None
+    return PressureTests(
+        rows.specimens,
+        degradation,
+        rows.first("degradation_sd_pct")[:, None],
+        conditions,
+        np.where(mask, read, 0.0),
+        mask,
+    )
 
 
 @dataclass(frozen=True)
@@ -178,12 +182,14 @@ class ReadAtPressures(PathReadings[PressureTests]):
         ----------
         values : mapping
             Named values, (n,).
-        mean, slope : array, shape (n, n_specimens, n_points)
+        mean, slope : array, which broadcast to (n, n_specimens, n_points)
             And its derivative with respect to the specimens' deviations of ln stiffness.
         spread : array, shape (n, n_specimens)
             τ² of the deviations.
         """
         noise, floor = (values[f"{self.name}_noise{end}"][:, None, None] for end in ("", "_floor"))
+        shape = (*spread.shape, self.tests.mask.shape[1])
+        mean, slope = np.broadcast_to(mean, shape), np.broadcast_to(slope, shape)
         return Linearised(
             self.tests.read - mean,
             slope[..., None],
@@ -197,12 +203,7 @@ class ReadAtPressures(PathReadings[PressureTests]):
     def answered(self, state: State[FilmsAndActuators], deviation: Floats) -> Further:
         """Return what the forward map predicts beyond the shape.
 
-        Parameters
-        ----------
-        state : State
-            Named values, (n,).
-        deviation : array, shape (n, n_specimens, 1)
-            Of each specimen's ln stiffness.
+        Deviations of the specimens' ln stiffness have shape (n, n_specimens, 1).
 
         Raises
         ------
@@ -214,6 +215,11 @@ class ReadAtPressures(PathReadings[PressureTests]):
         if found is None:
             raise BayesdegError(f"the forward map of this model does not predict {self.reading}s")
         return found
+
+    def common_error(self, values: Named) -> Floats:
+        """Return the emulator error common to all readings, in standard errors, (n, 1, 1)."""
+        none = np.zeros(len(next(iter(values.values()))))
+        return values.get(f"emulator_error_{self.name}", none)[:, None, None]
 
     def drawn_deviations(
         self, state: State[FilmsAndActuators], generator: np.random.Generator
@@ -244,13 +250,9 @@ class ReadAtPressures(PathReadings[PressureTests]):
     @property
     @override
     def places(self) -> Places:
-        set_to = self.tests.conditions
-        branch = np.where(set_to.unloading, "unloading", "loading")
-        path = np.char.add(np.char.add(branch, " "), set_to.cycle.astype(np.str_))
-        history = np.char.add(np.char.add(path, " "), set_to.mount)
-        kind = self.reading
+        set_to, kind = self.tests.conditions, self.reading
         return places_of_tests(
-            self.tests, (kind,), kind, set_to.pressure, history, time=set_to.time
+            self.tests, (kind,), kind, set_to.pressure, histories(set_to), time=set_to.time
         )
 
     @property

@@ -24,18 +24,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.data.study import Study
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.observations.counts import CountedTests, RuptureCounts
-from bayesdeg.observations.curvature import actuator_parameters
+from bayesdeg.observations.curvature import actuator_parameters, inputs_without_causes
 from bayesdeg.observations.kinds import Observations, Rows, State
-from bayesdeg.observations.specimens import (
-    FilmsAndActuators,
-    layer_stiffness,
-    linear_scale,
-    stiffness_spread,
-)
+from bayesdeg.observations.specimens import FilmsAndActuators, stiffness_spread
 from bayesdeg.priors import Parameter
 
 Floats = NDArray[np.float64]
@@ -204,12 +198,6 @@ class PublishedTests:
         """Return the levels at which a statistic is given, shape (n_levels,)."""
         return np.isfinite(self.r_squared if kind == "r_squared" else self.ruptured)
 
-    def without_ruptures(self) -> "PublishedTests | None":
-        """Return R² alone, None if there is none."""
-        if not np.any(self.given("r_squared")):
-            return None
-        return replace(self, ruptured=np.full_like(self.ruptured, np.nan))
-
     def names(self, kind: Kind) -> tuple[str, ...]:
         """Return the labels of the columns of a block of the log likelihood."""
         words = {"r_squared": "R²", "ruptures": "ruptures"}[kind]
@@ -262,11 +250,10 @@ def published_counts(study: Study) -> RuptureCounts | None:
         As in `published_tests`.
     """
     found = _tests_of(study)
-    if found is None or study.actuator is None:
-        return None if found is None else found.counted
-    return replace(
-        found, pressure=np.sort(study.actuator["pressure_kPa"].to_numpy(np.float64))
-    ).counted
+    if found is not None and study.actuator is not None:
+        pressure = np.sort(study.actuator["pressure_kPa"].to_numpy(np.float64))
+        found = replace(found, pressure=pressure)
+    return None if found is None else found.counted
 
 
 def _tests_of(study: Study) -> PublishedTests | None:
@@ -292,37 +279,27 @@ def _tests_of(study: Study) -> PublishedTests | None:
         ruptured=ruptured,
         films=float(films.min()) if len(films) else SPECIMENS,
     )
-    _refuse_impossible_counts(tests)
+    faults = [
+        Fault(
+            "summary.csv",
+            f"{ruptured:g} of {tested:g} actuators burst at {level:g} %",
+            "give tested_count at that level: at least 1, and at least ruptured_count",
+        )
+        for level, tested, ruptured in zip(
+            tests.degradation, tests.tested, tests.ruptured, strict=True
+        )
+        if tested < max(np.nan_to_num(ruptured), 1.0)
+    ]
+    if faults:
+        raise StudyError(faults)
     return tests
 
 
-class Asked(NamedTuple):
-    """Inputs of the forward map for published tests, and τ² of the specimens, (n, n_levels)."""
-
-    inputs: Inputs
-    spread: Floats
-
-
-def asked(state: State[FilmsAndActuators], tests: PublishedTests) -> Asked:
-    """Return the inputs of actuators of the median material at the levels."""
-    values = state.values
-    material = state.world.material(values, tests.degradation)
-    c1, c2, c3 = (material.constants[..., i, None] for i in range(3))
-    inputs = Inputs(
-        pressure=tests.pressure,
-        c1=c1,
-        c2=c2,
-        c3=c3,
-        linear_scale=linear_scale(values)[:, None, None],
-        paper_stiffness=layer_stiffness(values)[:, None, None],
-        paper_thickness=np.full((1, 1, 1), state.world.paper_thickness),
-        dimensions=state.world.sizes(values),
-    )
-    return Asked(inputs, stiffness_spread(values, material, tests.degradation_sd))
-
-
 def _r_squared(state: State[FilmsAndActuators], tests: PublishedTests) -> Floats:
-    values, (inputs, spread) = state.values, state.once(asked, tests)
+    """Return the log density of R² at each level, for actuators of its median material."""
+    values, material = state.values, state.world.material(state.values, tests.degradation)
+    c1, c2, c3 = (material.constants[..., i, None] for i in range(3))
+    inputs = inputs_without_causes(state, tests.pressure, (c1, c2, c3))
     prediction = state.world.forward(inputs)
     noise, floor, length = (
         values[name][:, None, None]
@@ -333,7 +310,7 @@ def _r_squared(state: State[FilmsAndActuators], tests: PublishedTests) -> Floats
     correlation = np.exp(-apart / length)[:, None]
     differences = Differences(
         slope=prediction.slope,
-        spread=spread,
+        spread=stiffness_spread(values, material, tests.degradation_sd),
         common_spread=values["stiffness_scatter"][:, None] ** 2 / tests.films,
         noise=sd[..., :, None] * correlation * sd[..., None, :],
         specimens=tests.tested,
@@ -348,30 +325,9 @@ def _by_level(study: Study, quantity: str) -> dict[float, float]:
     levels = rows["degradation_pct"].to_numpy(np.float64)
     twice = sorted({float(level) for level in levels if np.sum(levels == level) > 1})
     if twice:
-        remedy = "keep one row per level"
-        raise StudyError(
-            [
-                Fault("summary.csv", f"{quantity} at {level:g} % is given twice", remedy)
-                for level in twice
-            ]
-        )
+        problems = [f"{quantity} at {level:g} % is given twice" for level in twice]
+        raise StudyError([Fault("summary.csv", p, "keep one row per level") for p in problems])
     return dict(zip(levels.tolist(), rows["value"].to_numpy(np.float64).tolist(), strict=True))
-
-
-def _refuse_impossible_counts(tests: PublishedTests) -> None:
-    faults = [
-        Fault(
-            "summary.csv",
-            f"{ruptured:g} of {tested:g} actuators burst at {level:g} %",
-            "give tested_count at that level: at least 1, and at least ruptured_count",
-        )
-        for level, tested, ruptured in zip(
-            tests.degradation, tests.tested, tests.ruptured, strict=True
-        )
-        if tested < max(np.nan_to_num(ruptured), 1.0)
-    ]
-    if faults:
-        raise StudyError(faults)
 
 
 @dataclass(frozen=True)
@@ -432,5 +388,6 @@ def of_tests(tests: PublishedTests) -> tuple[Observations, ...]:
 def from_study(study: Study) -> tuple[Observations, ...]:
     """Return published R² if a study has no readings of its own; counts are not fitted."""
     found = published_tests(study)
-    kept = None if found is None else found.without_ruptures()
-    return () if kept is None else of_tests(kept)
+    if found is None:
+        return ()
+    return of_tests(replace(found, ruptured=np.full_like(found.ruptured, np.nan)))

@@ -150,11 +150,27 @@ class Rupture(Grouped):
 
         Later rows are removed, also from readings drawn before.
         """
-        readings, predicted, _ = state.once(draw_readings, self.tests, generator)
+        data = self.tests
+        readings, predicted, _ = state.once(draw_readings, data, generator)
         burst = self._bursts(state, predicted.prediction, generator)
-        cut = _cut(self.tests, burst).with_readings(readings[0])
-        kept = (Curvature(cut) if isinstance(one, Curvature) else one for one in drawn)
-        return (*(_ended(one, burst) for one in kept), Rupture(cut))
+        before = np.cumsum(burst, axis=1) == 0
+        cut = replace(
+            data,
+            mask=data.mask & before,
+            angle_mask=data.angle_mask & before,
+            recorded=data.recorded & (before | burst),
+            ruptured=burst,
+        ).with_readings(readings[0])
+        kept: list[Observations] = []
+        for one in drawn:
+            if isinstance(one, Curvature):
+                kept.append(Curvature(cut))
+            elif isinstance(one, CavityVolume):
+                tests = replace(one.tests, mask=one.tests.mask & before)
+                kept.append(replace(one, tests=tests))
+            else:
+                kept.append(one)
+        return (*kept, Rupture(cut))
 
     def _bursts(
         self,
@@ -179,26 +195,6 @@ class Rupture(Grouped):
         over = data.recorded & (data.pressure > 0.0) & (demanded > limit[..., None])[0]
         first: Flags = over & (np.cumsum(over, axis=1) == 1)
         return first
-
-
-def _ended(one: Observations, burst: Flags) -> Observations:
-    """Return volumes cut where the specimens burst; other data unchanged."""
-    if not isinstance(one, CavityVolume):
-        return one
-    mask = one.tests.mask & (np.cumsum(burst, axis=1) == 0)
-    return replace(one, tests=replace(one.tests, mask=mask))
-
-
-def _cut(data: ActuatorCurves, burst: Flags) -> ActuatorCurves:
-    """Return tests that end where the specimens burst, without a reading there."""
-    before = np.cumsum(burst, axis=1) == 0
-    return replace(
-        data,
-        mask=data.mask & before,
-        angle_mask=data.angle_mask & before,
-        recorded=data.recorded & (before | burst),
-        ruptured=burst,
-    )
 
 
 def from_observations(found: tuple[Observations, ...]) -> tuple[Rupture, ...]:

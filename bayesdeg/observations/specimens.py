@@ -259,16 +259,8 @@ def layer_stiffness(values: Named) -> Floats:
 def elongation_spread(values: Named, slope: Floats, sd: Floats) -> Floats:
     """Return the variance of ln elongation at break of specimens, shape (n, S).
 
-    σ² + (d ln ε/dD_R · sd(D_R))²: scatter, and the error of the degradation rate.
-
-    Parameters
-    ----------
-    values : mapping
-        Named values, (n,).
-    slope : array, shape (n, S)
-        From `FilmsAndActuators.elongation_slope` [1/%].
-    sd : array, shape (S,) or (n, S)
-        Standard errors of the degradation rates [%].
+    σ² + (d ln ε/dD_R · sd(D_R))²: scatter, and the error of the degradation rate. The slope, (n, S)
+    [1/%], is from `FilmsAndActuators.elongation_slope`.
     """
     spread: Floats = values["elongation_scatter"][:, None] ** 2 + (slope * sd) ** 2
     return spread
@@ -347,15 +339,7 @@ class FilmsAndActuators:
         return scatter_law(self.criterion)
 
     def answer(self, inputs: Inputs, values: Named) -> Prediction:
-        """Evaluate the forward map, with the peak stretch as defined by the criterion.
-
-        Parameters
-        ----------
-        inputs : Inputs
-            Inputs of the mechanics, (n, n_specimens, n_pressures).
-        values : mapping
-            Named values, (n,).
-        """
+        """Evaluate the forward map, with the peak stretch as defined by the criterion."""
         if self.criterion == "principal_stretch":
             return self.forward(inputs)
         scatter = values["elongation_scatter"][:, None, None]
@@ -391,13 +375,6 @@ class FilmsAndActuators:
         """Return whether the material is stable at every degradation rate of the specimens, (n,).
 
         Up to the last node it is stable by construction.
-
-        Parameters
-        ----------
-        values : mapping
-            Named values, (n,).
-        levels : array
-            Degradation rates of the specimens [%].
         """
         beyond = np.unique(levels)
         beyond = beyond[beyond > self.nodes[-1]]
@@ -501,13 +478,7 @@ def modulus_100(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()
     of_material = tuple(cause for cause in causes if cause.stage is Stage.MATERIAL)
     if not any(cause.on_stress is not None for cause in of_material):
         return stress
-    count = constants.shape[-2]
-    nominal = np.zeros((count, 1), dtype=bool)
-    tests = FilmConditions(
-        np.full((count, 1), 2.0), np.full(count, "uniaxial"), nominal, np.zeros(count)
-    )
-    acted = applied("on_stress", stress[..., None], tests, acting(of_material, values), constants)
-    return acted[..., 0]
+    return _under_causes(stress[..., None], np.array([2.0]), values, constants, of_material)[..., 0]
 
 
 def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = ()) -> Floats:
@@ -521,19 +492,7 @@ def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = 
     `second_invariant` of ratio x. It is computed from the causes' effect on stresses, by
     fourth-order differences, so no cause has to provide it.
 
-    Parameters
-    ----------
-    values : mapping
-        Named values with the parameters of the causes, each (n,).
-    constants : array, shape (n, S, 3)
-        Yeoh's C1, C2, C3 [MPa].
-    causes : tuple of Cause
-        Active causes.
-
-    Returns
-    -------
-    array, shape (n, S)
-        [MPa]
+    Arguments and shape are those of `modulus_100`.
 
     Examples
     --------
@@ -545,11 +504,17 @@ def young_modulus(values: Named, constants: Floats, causes: tuple[Cause, ...] = 
     """
     if not any(cause.on_stress is not None for cause in causes):
         return rates.young_modulus(constants[..., 0])
-    count = constants.shape[-2]
-    stretch = np.broadcast_to(_AROUND_ONE, (count, len(_AROUND_ONE)))
-    nominal = np.zeros(stretch.shape, dtype=bool)
-    tests = FilmConditions(stretch, np.full(count, "uniaxial"), nominal, np.zeros(count))
     stress = constants @ yeoh_basis(_AROUND_ONE, "uniaxial").T
-    acted = applied("on_stress", stress, tests, acting(causes, values), constants)
-    slope: Floats = acted @ _STENCIL
+    slope: Floats = _under_causes(stress, _AROUND_ONE, values, constants, causes) @ _STENCIL
     return slope
+
+
+def _under_causes(
+    stress: Floats, stretch: Floats, values: Named, constants: Floats, causes: tuple[Cause, ...]
+) -> Floats:
+    """Return nominal stresses (n, S, k) of films in uniaxial tension under causes."""
+    count = constants.shape[-2]
+    stretches = np.broadcast_to(stretch, (count, len(stretch)))
+    nominal = np.zeros(stretches.shape, dtype=bool)
+    tests = FilmConditions(stretches, np.full(count, "uniaxial"), nominal, np.zeros(count))
+    return applied("on_stress", stress, tests, acting(causes, values), constants)

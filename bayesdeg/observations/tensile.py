@@ -17,7 +17,7 @@ from bayesdeg.data.batches import batch_numbers, batch_order
 from bayesdeg.data.study import Study, undeformed
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.material.hyperelastic import yeoh_basis
-from bayesdeg.observations.arrays import PathReadings, chosen, padded, places_of_tests
+from bayesdeg.observations.arrays import PaddedRows, PathReadings, chosen, places_of_tests
 from bayesdeg.observations.kinds import (
     Labels,
     Places,
@@ -76,9 +76,9 @@ class TensileCurves:
     mask : array of bool, shape (n_specimens, n_points)
         Where there is an observation.
     temperature : array, shape (n_specimens,), optional
-        Of the room [°C]; nan where not recorded.
+        Of the room [°C]; nan where not recorded, the default.
     batch : array of int, shape (n_specimens,), optional
-        Number of its batch, see `bayesdeg.data.batches.batch_numbers`.
+        Number of its batch, see `bayesdeg.data.batches.batch_numbers`; by default 0.
     """
 
     specimens: tuple[str, ...]
@@ -90,8 +90,8 @@ class TensileCurves:
     stress: Floats
     cauchy: Flags
     mask: Flags
-    temperature: Floats | None = None
-    batch: NDArray[np.int64] | None = None
+    temperature: Floats = field(default_factory=lambda: np.array(np.nan))
+    batch: NDArray[np.int64] = field(default_factory=lambda: np.array(0))
 
     @cached_property
     def conditions(self) -> FilmConditions:
@@ -101,8 +101,8 @@ class TensileCurves:
             np.array(self.modes),
             self.cauchy,
             self.degradation,
-            np.array(np.nan) if self.temperature is None else self.temperature,
-            np.array(0) if self.batch is None else self.batch,
+            self.temperature,
+            self.batch,
         )
 
     @cached_property
@@ -145,26 +145,22 @@ def tensile_curves(study: Study, *, fitted: bool) -> TensileCurves | None:
     table = table.sort_values("stretch", kind="stable")
     batches = batch_order(study.tensile, study.actuator)
     order = table.groupby(["specimen_id", "mode"], sort=False)
-    groups = sorted(order, key=lambda item: int(item[1].index.min()))
-    size = max(len(g) for _, g in groups)
-    modes = tuple(str(key[1]) for key, _ in groups)
-    stretch = padded([g["stretch"] for _, g in groups], size, fill=1.0)
-    is_cauchy = [(g["stress_measure"] == "cauchy").astype(np.float64) for _, g in groups]
-    cauchy = padded(is_cauchy, size, fill=0.0) > 0.5
-    measure = np.where(cauchy, "cauchy", "nominal")
-    basis = yeoh_basis(stretch, np.array(modes)[:, None], measure)
+    groups = sorted((group for _, group in order), key=lambda group: int(group.index.min()))
+    rows = PaddedRows(groups)
+    modes = tuple(str(group["mode"].iloc[0]) for group in groups)
+    stretch, measure = rows.numbers("stretch", 1.0), rows.words("stress_measure", "nominal")
     return TensileCurves(
-        specimens=tuple(str(key[0]) for key, _ in groups),
+        specimens=rows.specimens,
         modes=modes,
-        degradation=np.array([float(g["degradation_pct"].iloc[0]) for _, g in groups]),
-        degradation_sd=np.array([float(g["degradation_sd_pct"].iloc[0]) for _, g in groups]),
-        basis=basis,
+        degradation=rows.first("degradation_pct"),
+        degradation_sd=rows.first("degradation_sd_pct"),
+        basis=yeoh_basis(stretch, np.array(modes)[:, None], measure),
         stretch=stretch,
-        stress=padded([g["stress_MPa"] for _, g in groups], size, fill=0.0),
-        cauchy=cauchy,
-        mask=np.arange(size) < np.array([len(g) for _, g in groups])[:, None],
-        temperature=np.array([g["temperature_C"].median() for _, g in groups]),
-        batch=np.array([int(batch_numbers(g, batches)[0]) for _, g in groups]),
+        stress=rows.numbers("stress_MPa", 0.0),
+        cauchy=measure == "cauchy",
+        mask=rows.recorded,
+        temperature=np.array([group["temperature_C"].median() for group in groups]),
+        batch=np.array([int(batch_numbers(group, batches)[0]) for group in groups]),
     )
 
 
@@ -323,21 +319,10 @@ def log_density(data: TensileCurves, values: Named, median: Stresses) -> Floats:
 
 
 def film_readings(median: Stresses, deviation: Floats) -> tuple[Floats, Floats]:
-    """Return stresses of films with these deviations, and their derivatives.
+    """Return stresses of films, (n, n_specimens, n_points) [MPa], and their derivatives.
 
-    Parameters
-    ----------
-    median : Stresses
-        Of films without deviations.
-    deviation : array, shape (n, n_specimens, 2)
-        Of ln stiffness [–] and of the degradation rate [%].
-
-    Returns
-    -------
-    stress : array, shape (n, n_specimens, n_points)
-        [MPa].
-    slope : array, shape (n, n_specimens, n_points, 2)
-        [MPa], [MPa/%].
+    Deviations (n, n_specimens, 2) are of ln stiffness [–] and of the degradation rate [%];
+    derivatives with respect to them are (n, n_specimens, n_points, 2) [MPa], [MPa/%].
     """
     factor = np.exp(deviation[..., None, 0])
     by_rate = factor * median.by_rate

@@ -154,11 +154,9 @@ def _given(
 def _linearised(
     state: State[FilmsAndActuators], data: CavityVolume, centre: Floats, spread: Floats
 ) -> Linearised:
-    values, found = state.values, data.answered(state, centre[..., None])
-    shape = (*spread.shape, data.tests.mask.shape[1])
-    error = values.get(EMULATOR_ERROR.name, np.zeros(len(state)))[:, None, None]
-    mean = np.broadcast_to(found.value + error * found.sd, shape)
-    return data.of_mean(values, mean, np.broadcast_to(-found.slope, shape), spread)
+    found = data.answered(state, centre[..., None])
+    mean = found.value + data.common_error(state.values) * found.sd
+    return data.of_mean(state.values, mean, -found.slope, spread)
 
 
 def from_study(study: Study) -> tuple[CavityVolume, ...]:

@@ -576,7 +576,7 @@ def test_a_batch_that_was_tested_at_no_other_rate_is_tested_there(model):
     assert "two batches" not in {e.kind for e in proposed}
     found = [(e.plan.levels, e.plan.batch) for e in of_kind(proposed, "another batch")]
     assert found == [((0.0,), "autumn"), ((24.0,), "spring")]
-    nameless = replace(confounded.data_of(Curvature).tests, batch_name=None)
+    nameless = replace(confounded.data_of(Curvature).tests, batch_name=np.array(""))
     proposed_too = candidate_experiments(altered(confounded, actuator=nameless))
     assert {e.plan.batch for e in of_kind(proposed_too, "another batch")} == {""}
     misread = (

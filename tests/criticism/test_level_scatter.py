@@ -152,7 +152,7 @@ def test_batches_across_levels_deviate_together_too():
     assert scatter_of(linear) > 3.0 * OWN
     blind = linear.subject.with_observations(
         *data_of_actuators(
-            replace(linear.subject.data_of(Curvature).tests, batch=None), linear.subject.base
+            replace(linear.subject.data_of(Curvature).tests, batch=np.array(0)), linear.subject.base
         )
     )
     same = linearise(blind, linear.mode, uncertain=uncertain, centre=linear.mode)
@@ -164,7 +164,9 @@ def test_warmth_is_looked_at_where_it_was_recorded():
     linear, uncertain = fitted(4, shared=0.0, own=OWN, batch=0.3)
     warm = np.where(linear.subject.data_of(Curvature).tests.batch == 0, 20.0, 27.0)
     tests = replace(
-        linear.subject.data_of(Curvature).tests, batch=None, temperature=warm * np.ones(POINTS)
+        linear.subject.data_of(Curvature).tests,
+        batch=np.array(0),
+        temperature=warm * np.ones(POINTS),
     )
     subject = linear.subject.with_observations(*data_of_actuators(tests, linear.subject.base))
     same = linearise(subject, linear.mode, uncertain=uncertain, centre=linear.mode)

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import nquad
 
-from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course
+from bayesdeg.data.moisture import degradation_of_films
 from bayesdeg.inference.course import (
     COURSE,
     CourseModel,
@@ -21,6 +21,7 @@ from bayesdeg.inference.course import (
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.sampling import EFFORTS, sample
 from bayesdeg.priors import Normal
+from tests.inference.saturating_course import least_squares_course
 from tests.pipeline.study_files import SETTINGS, study_in
 
 TRUTH = {
@@ -93,7 +94,7 @@ def test_importance_sample_and_ensembles_agree_with_least_squares():
     seed = np.random.SeedSequence(8)
     chain = sample(model, posterior, effort=EFFORTS["quick"], seed=seed)
     sampled = model.table.named(chain.vectors.reshape(-1, 4))
-    course = fit_saturating_course(degradation_of_films(model.time_h, model.moisture_pct))
+    course = least_squares_course(degradation_of_films(model.time_h, model.moisture_pct))
     errors = np.sqrt(np.diag(course.covariance))
     for name, least, error in zip(
         ("degradation_limit", "degradation_time_constant"),

@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bayesdeg.data.moisture import degradation_of_films, fit_saturating_course, moisture_content
+from bayesdeg.data.moisture import degradation_of_films, moisture_content, saturating
 from bayesdeg.data.settings import Mixture
 from bayesdeg.data.shrinkage import mean_of_replicates, volume_ratio
 from bayesdeg.laboratory.experiment import Design, tear_films, weigh_moisture, weigh_shrinkage
 from bayesdeg.laboratory.truth import Truth
+from tests.inference.saturating_course import least_squares_course
 
 TRUTH = Truth()
 
@@ -46,8 +47,9 @@ def test_moisture_leads_back_to_the_course_of_degradation():
     spread = pd.Series(content).groupby(times).std()
     np.testing.assert_allclose(spread, TRUTH.moisture_scatter, rtol=0.15)
     assert content[times == 0.0].mean() == pytest.approx(20.0, abs=0.06)
-    course = fit_saturating_course(degradation_of_films(times, content))
-    assert course.degradation(24.0) == pytest.approx(25.0, abs=0.4)
+    course = least_squares_course(degradation_of_films(times, content))
+    late = saturating(24.0, course.limit_pct, course.time_constant_h)
+    assert late == pytest.approx(25.0, abs=0.4)
     sd = np.sqrt(np.diag(course.covariance))
     assert abs(course.limit_pct - TRUTH.degradation_limit) < 4.0 * sd[0]
     assert abs(course.time_constant_h - TRUTH.time_constant) < 4.0 * sd[1]

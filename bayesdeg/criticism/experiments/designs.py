@@ -166,10 +166,8 @@ class ActuatorDesign:
 
     def batch_name(self, number: int) -> str:
         """Return the study's name of a batch; empty if none is recorded."""
-        data = self.data
-        if data.batch is None or data.batch_name is None:
-            return ""
-        names = data.batch_name[(data.batch == number) & (data.batch_name != "")]
+        batch, names = np.broadcast_arrays(self.data.batch, self.data.batch_name)
+        names = names[(batch == number) & (names != "")]
         return str(names[0]) if len(names) else ""
 
     def experiment(
@@ -233,7 +231,7 @@ class FilmDesign:
         count = min(int(self.data.mask[rows].sum(axis=1).max()), MOST_STEPS)
         # other modes break earlier, and strain the material more
         stretch = np.linspace(1.0, 1.0 + 0.5 * (largest - 1.0), count + 1)[None, 1:]
-        batch = self.data.batch
+        batch = np.broadcast_to(self.data.batch, len(self.data.specimens))
         return TensileCurves(
             specimens=(f"new in {mode}",),
             modes=(mode,),
@@ -245,13 +243,13 @@ class FilmDesign:
             cauchy=np.zeros(stretch.shape, dtype=bool),
             mask=np.ones(stretch.shape, dtype=bool),
             temperature=np.array([_usual(self.data.temperature)]),
-            batch=None if batch is None else np.array([_most_common(batch[rows])]),
+            batch=np.array([_most_common(batch[rows])]),
         )
 
 
-def _usual(values: Floats | None) -> float:
+def _usual(values: Floats) -> float:
     """Return the median of the recorded values; nan without any."""
-    known = np.empty(0) if values is None else values[np.isfinite(values)]
+    known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else np.nan
 
 
