@@ -69,9 +69,9 @@ class TimedFactorization:
     def name(self) -> str:
         return self.solver.name
 
-    def factorize(self, data: Floats) -> None:
+    def factorize(self, data: Floats) -> int:
         with self.watch.on("factorization"):
-            self.solver.factorize(data)
+            return self.solver.factorize(data)
 
     def solve(self, right: Floats) -> Floats:
         with self.watch.on("triangular_solves"):

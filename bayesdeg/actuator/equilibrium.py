@@ -2,18 +2,14 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.linear import (
-    Factorization,
-    Indefinite,
-    LostDefinitenessError,
-    open_indefinite,
-)
+from bayesdeg.actuator.linear import Factorization, LostDefinitenessError, open_factorization
 from bayesdeg.actuator.material import is_elliptic
 from bayesdeg.actuator.problem import DiscreteEquations, Linearisation, MechanicalState, Point
 from bayesdeg.actuator.status import PathEffort, Status
@@ -65,7 +61,7 @@ def find_equilibrium(
             solver.factorize(now.tangent)
         except LostDefinitenessError:
             return LoadStep(state, None, None, count)
-        pushed = problem.on_free(problem.cavity_gradient(state))
+        pushed = problem.system.on_free(problem.cavity_gradient(state))
         solution = solver.solve(np.column_stack([-now.residual, pushed]))
         increment, velocity = (problem.system.expand(column) for column in solution.T)
         largest = float(np.max(np.abs(increment)))
@@ -327,79 +323,79 @@ def locate_limit(
     deadline : float
         Time of ``time.monotonic`` at which the search is given up [s].
     """
-    opened = open_indefinite(problem.system.upper, solver)
-    search = _Search(problem, opened, effort)
-    try:
-        return search.run(points, highest, deadline)
-    finally:
-        opened.close()
+    last, spent = points[-1], 0
+    with closing(open_factorization(problem.system.upper, solver, is_definite=False)) as opened:
 
+        def settled(guess: MechanicalState, volume: float) -> _Place | None:
+            nonlocal spent
+            place, count = _settle(problem, opened, guess, volume, effort)
+            spent += count
+            return place
 
-class _Search:
-    def __init__(self, problem: DiscreteEquations, solver: Indefinite, effort: PathEffort) -> None:
-        self.problem, self.solver, self.effort = problem, solver, effort
-        self.size = float(np.ptp(problem.system.body.nodes, axis=0).max())
-        self.spent = 0
-
-    def run(self, points: Sequence[Point], highest: float, deadline: float) -> Limit:
-        last = points[-1]
-        here = self._settle(last.state, self.problem.cavity_volume(last.state))
+        here = settled(last.state, problem.cavity_volume(last.state))
         if here is None:
-            return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
-        back = points[-2].state if len(points) > 1 else self.problem.system.rest()
-        swept = here.volume - self.problem.cavity_volume(back)
+            return Limit(Status.EFFORT_EXHAUSTED, np.inf, spent)
+        back = points[-2].state if len(points) > 1 else problem.system.rest()
+        swept = here.volume - problem.cavity_volume(back)
         step = 0.5 * max(swept, 1e-3 * abs(here.volume))
         for _ in range(STEPS):
             if time.monotonic() > deadline:
-                return Limit(Status.TIMED_OUT, np.inf, self.spent)
+                return Limit(Status.TIMED_OUT, np.inf, spent)
             if here.negative > 0 and here.load_rate > 0.0:
-                return Limit(Status.BUCKLED, here.state.load, self.spent)
-            if here.state.load > 2.0 * highest or self.spent > self.effort.total:
+                return Limit(Status.BUCKLED, here.state.load, spent)
+            if here.state.load > 2.0 * highest or spent > effort.total:
                 break
             d = here.direction
             ahead = here.state.moved(
                 step * d.displacement, step * d.pressure, step * here.load_rate
             )
-            there = self._settle(ahead, here.volume + step)
+            there = settled(ahead, here.volume + step)
             if there is None:
                 step *= 0.5
                 continue
             if there.load_rate <= 0.0:
                 top, width = _top(here, there)
                 if width < WIDEST:
-                    return Limit(Status.LIMIT_POINT, top, self.spent)
+                    return Limit(Status.LIMIT_POINT, top, spent)
                 step *= 0.5
                 continue
             here, step = there, 1.5 * step
-        return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
+    return Limit(Status.EFFORT_EXHAUSTED, np.inf, spent)
 
-    def _settle(self, guess: MechanicalState, volume: float) -> _Place | None:
-        """Newton's method with the load as an unknown and the volume given."""
-        state, problem = guess, self.problem
-        for _ in range(ITERATIONS):
-            lin = problem.linearise(state)
-            if not lin.smallest_jacobian > 0.0:
-                return None
-            self.spent += 1
-            try:
-                negative = self.solver.factorize(lin.tangent)
-            except LostDefinitenessError:
-                return None
-            gradient = problem.on_free(problem.cavity_gradient(state))
-            a, b = self.solver.solve(np.column_stack([-lin.residual, gradient])).T
-            compliance = float(gradient @ b)
-            change = (volume - lin.cavity_volume - float(gradient @ a)) / compliance
-            increment = problem.system.expand(a + change * b)
-            largest = float(np.max(np.abs(increment)))
-            if not largest < LARGEST_STEP * self.size:
-                return None
-            pressure = problem.pressure_increment(lin, increment, lin.volume_residual)
-            state = state.moved(increment, pressure, change)
-            if largest < self.effort.tolerance * self.size:
-                along = problem.system.expand(b / compliance)
-                direction = MechanicalState(along, problem.pressure_increment(lin, along), 1.0)
-                return _Place(state, volume, 1.0 / compliance, direction, negative)
-        return None
+
+def _settle(
+    problem: DiscreteEquations,
+    solver: Factorization,
+    guess: MechanicalState,
+    volume: float,
+    effort: PathEffort,
+) -> tuple[_Place | None, int]:
+    """Find the equilibrium of a given volume by Newton's method; count the factorizations."""
+    state, size, spent = guess, float(np.ptp(problem.system.body.nodes, axis=0).max()), 0
+    for _ in range(ITERATIONS):
+        lin = problem.linearise(state)
+        if not lin.smallest_jacobian > 0.0:
+            break
+        spent += 1
+        try:
+            negative = solver.factorize(lin.tangent)
+        except LostDefinitenessError:
+            break
+        gradient = problem.system.on_free(problem.cavity_gradient(state))
+        a, b = solver.solve(np.column_stack([-lin.residual, gradient])).T
+        compliance = float(gradient @ b)
+        change = (volume - lin.cavity_volume - float(gradient @ a)) / compliance
+        increment = problem.system.expand(a + change * b)
+        largest = float(np.max(np.abs(increment)))
+        if not largest < LARGEST_STEP * size:
+            break
+        pressure = problem.pressure_increment(lin, increment, lin.volume_residual)
+        state = state.moved(increment, pressure, change)
+        if largest < effort.tolerance * size:
+            along = problem.system.expand(b / compliance)
+            direction = MechanicalState(along, problem.pressure_increment(lin, along), 1.0)
+            return _Place(state, volume, 1.0 / compliance, direction, negative), spent
+    return None, spent
 
 
 def _top(here: _Place, there: _Place) -> tuple[float, float]:

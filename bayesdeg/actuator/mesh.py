@@ -19,7 +19,7 @@ from bayesdeg.actuator.body import (
     tetrahedra_of,
 )
 from bayesdeg.actuator.families import PartGeometry
-from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
+from bayesdeg.actuator.moulded import Box, Moulded, Planes
 from bayesdeg.actuator.round import RoundSection
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
@@ -259,7 +259,7 @@ def _depth(body: Body, geometry: Moulded) -> Floats:
         under: Floats = np.maximum(nearest, 0.0)
         return under
     depth = np.min(np.array([length, half_width, top]) - points, axis=-1)
-    if bottom_is_exposed(geometry.constraint, geometry.dimensions):
+    if geometry.bottom_is_exposed:
         depth = np.minimum(depth, points[..., 2] - bottom)
     for void in geometry.exposed:
         low, high = np.array(void).T

@@ -137,6 +137,10 @@ class System:
         field[self.free] = unknowns
         return field.reshape(-1, 3)
 
+    def on_free(self, field: Floats) -> Floats:
+        """Return the values of a field (n_nodes, 3) that belong to unknowns."""
+        return field.ravel()[self.free]
+
 
 def stored_pairs(n_local: int) -> tuple[Indices, Indices]:
     """Rows and columns of an element's upper triangle in the order of ``scatter_upper``."""
@@ -240,9 +244,6 @@ class DiscreteEquations(Protocol):
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
         """Return a residual on the free unknowns, its volume equation eliminated."""
-
-    def on_free(self, field: Floats) -> Floats:
-        """Return the values of a field that belong to unknowns."""
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
@@ -465,11 +466,7 @@ class Problem:
             volume_residual,
             total,
         )
-        return self.on_free(total)
-
-    def on_free(self, field: Floats) -> Floats:
-        """Return the values of a field (n_nodes, 3) that belong to unknowns."""
-        return field.ravel()[self.system.free]
+        return self.system.on_free(total)
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None

@@ -239,7 +239,7 @@ def adjoint_states(
     soft motions of the body. The corrections decrease by a constant ratio, so the next is predicted
     from the last two; iteration ends when that changes less than ``enough``.
     """
-    right = np.column_stack([problem.on_free(g) for g in gradients])
+    right = np.column_stack([problem.system.on_free(g) for g in gradients])
     fields = [problem.system.expand(column) for column in solver.solve(right).T]
     adjoints = [MechanicalState(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
     before, sizes = np.ones(len(fields)), np.array([_largest(field) for field in fields])

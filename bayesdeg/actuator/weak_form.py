@@ -630,11 +630,7 @@ class WeakForm:
         ``factors`` gives B; it is the linearisation whose tangent is factorized.
         """
         push = factors.coupling.T @ (self._compliance @ volume_residual.ravel())
-        return self.on_free(force + _by_nodes(push))
-
-    def on_free(self, field: Floats) -> Floats:
-        """Return the values of a field (n_nodes, 3) that belong to unknowns."""
-        return field.ravel()[self.system.free]
+        return self.system.on_free(force + _by_nodes(push))
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
