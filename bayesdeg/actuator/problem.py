@@ -235,20 +235,38 @@ class DiscreteEquations(Protocol):
         """Return the equations with a different share of the dead loads."""
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
-        """Return residual and tangent at a state."""
+        """Return residual and tangent at a state.
+
+        The residual is the internal force minus the loads', with the volume equation condensed
+        element by element; the tangent is symmetric since the cavity is closed. Without it the
+        equations are only evaluated: neither couplings nor a condensed residual.
+        """
 
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent applied to directions."""
+        """Return the mixed problem's tangent applied to directions.
+
+        Returns
+        -------
+        list of pairs
+            Rate of the uncondensed residual, a rate of the load included, (n_nodes, 3); and rate
+            of the volume residual, (n_elements, n_modes).
+        """
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
-        """Return a residual on the free unknowns, its volume equation eliminated."""
+        """Return a residual on the free unknowns, its volume equation eliminated.
+
+        ``factors`` gives the couplings; it is the linearisation whose tangent is factorized.
+        """
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
     ) -> Floats:
-        """Return the pressure increments that go with a displacement increment."""
+        """Return the pressure increments that go with a displacement increment.
+
+        δp = K M⁻¹ (B δu + r); without ``volume_residual`` r = 0, as for derivatives along a path.
+        """
 
     def cavity_gradient(self, state: MechanicalState) -> Floats:
         """Return the derivative of the cavity's volume by the displacement."""
@@ -334,12 +352,7 @@ class Problem:
         return m.paper_group * m.paper_thickness**2 / (12.0 * (1.0 - m.paper_poisson**2))
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
-        """Return residual and tangent at a state.
-
-        The residual is the internal force minus the loads', with the volume equation condensed
-        element by element; the tangent is symmetric since the cavity is closed. Without it the
-        equations are only evaluated: neither couplings nor a condensed residual.
-        """
+        """Return residual and tangent at a state, see `DiscreteEquations`."""
         system, body = self.system, self.system.body
         data = np.zeros(system.upper.nnz) if tangent else NOTHING
         force = -self.share * self.dead_force
@@ -396,14 +409,7 @@ class Problem:
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent applied to directions, without assembly.
-
-        Returns
-        -------
-        list of pairs
-            Rate of the uncondensed residual, a rate of the load included, (n_nodes, 3); and rate
-            of the volume residual, (n_elements, n_modes).
-        """
+        """Return the mixed problem's tangent applied to directions, without assembly."""
         body = self.system.body
         along = np.stack([d.displacement for d in directions], axis=-1)
         pressures = np.stack([d.pressure for d in directions], axis=-1)
@@ -453,10 +459,7 @@ class Problem:
             forces -= pressed[:, None, None] * self.cavity_gradient(state)
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
-        """Return a residual on the free unknowns, its volume equation eliminated.
-
-        ``factors`` gives the couplings; it is the linearisation whose tangent is factorized.
-        """
+        """Return a residual on the free unknowns, its volume equation eliminated."""
         total = force.copy()
         kernels.condense(
             self.system.body.elements,
@@ -471,10 +474,7 @@ class Problem:
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
     ) -> Floats:
-        """Return the pressure increments that go with a displacement increment.
-
-        δp = K M⁻¹ (B δu + r); without ``volume_residual`` r = 0, as for derivatives along a path.
-        """
+        """Return δp = K M⁻¹ (B δu + r)."""
         out = np.empty_like(factors.volume_residual)
         rest = np.zeros_like(out) if volume_residual is None else volume_residual
         kernels.pressure_increment(

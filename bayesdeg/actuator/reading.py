@@ -24,7 +24,7 @@ from bayesdeg.actuator.inputs import (
     Inputs,
     Prediction,
     continuation,
-    dimensionless,
+    paper_group_of,
     relative_to_reference,
 )
 from bayesdeg.actuator.line import MILLIMETRES_PER_METRE, Bend, kappa_bend, read_line, splines
@@ -261,7 +261,7 @@ class ReadByOperator:
             return relative_to_reference(self, inputs)
         found, ratio = self.mechanics(inputs), operator_ratio(self.operator, self.points)
         angle = np.radians(found.bend_angle)
-        group = dimensionless(inputs)[3]
+        group = paper_group_of(inputs)
         gain, change = ratio(angle, group)
         if self.with_angle:
             of_angle = operator_ratio(self.operator, self.points, of_angle=True)

@@ -62,6 +62,7 @@ Rate = Callable[[Floats], Floats]
 
 DEGREE = 2 * QUADRATIC.order + 1  # of polynomials that the quadrature is exact for
 MISPLACED = 1e-9  # mm: more than rounding
+SMALL = 1e-2  # of q/s: below it use a series, as differences lose digits
 
 
 @LinearForm
@@ -289,25 +290,15 @@ class PaperLaw:
         square = np.maximum(ddot(Q, E), 0.0)
         if self.slack == 0.0:
             return L, Q, np.ones_like(square), np.zeros_like(square)
-        share, steepness = _taken_up(np.sqrt(square) / self.slack)
+        # of x = q/s: f = 1 − tanh(x)/x, and f'(x)/x
+        x = np.sqrt(square) / self.slack
+        y, z = np.minimum(x, SMALL) ** 2, np.maximum(x, SMALL)
+        t = np.tanh(z)
+        series = y / 3.0 - 2.0 * y**2 / 15.0 + 17.0 * y**3 / 315.0
+        slope = 2.0 / 3.0 - 8.0 * y / 15.0 + 34.0 * y**2 / 105.0
+        share = np.where(x < SMALL, series, 1.0 - t / z)
+        steepness = np.where(x < SMALL, slope, (t / z - 1.0 + t**2) / z**2)
         return L, Q, share, steepness / self.slack**2
-
-
-SMALL = 1e-2  # of q/s: below it use a series, as differences lose digits
-
-
-def _taken_up(x: Floats) -> tuple[Floats, Floats]:
-    """Return f = 1 − tanh(x)/x and f'(x)/x."""
-    y = np.minimum(x, SMALL) ** 2
-    z = np.maximum(x, SMALL)
-    t = np.tanh(z)
-    series = y / 3.0 - 2.0 * y**2 / 15.0 + 17.0 * y**3 / 315.0
-    slope = 2.0 / 3.0 - 8.0 * y / 15.0 + 34.0 * y**2 / 105.0
-    small = x < SMALL
-    return (
-        np.where(small, series, 1.0 - t / z),
-        np.where(small, slope, (t / z - 1.0 + t**2) / z**2),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +341,9 @@ class Spaces:
         if np.abs(displacement.doflocs.T - body.nodes).max() > MISPLACED:  # bent bricks
             curved = replace(MeshHex2.from_mesh(mesh), doflocs=np.ascontiguousarray(body.nodes.T))
             displacement = Basis(curved, ElementHex2(), intorder=DEGREE)
-        _check_places(body, displacement)
+        same = np.array_equal(displacement.element_dofs.T, body.elements)
+        if not same or np.abs(displacement.doflocs.T - body.nodes).max() > MISPLACED:
+            raise ValueError("the weak form needs nodes in scikit-fem's order")
         pressure = displacement.with_element(ElementHexLinear())
         return cls(
             displacement,
@@ -359,12 +352,6 @@ class Spaces:
             on_faces(displacement, body.paper),
             sp.csr_array(mass.elemental(pressure).inverse().tocsr()),
         )
-
-
-def _check_places(body: Body, basis: Basis) -> None:
-    same = np.array_equal(basis.element_dofs.T, body.elements)
-    if not same or np.abs(basis.doflocs.T - body.nodes).max() > MISPLACED:
-        raise ValueError("the weak form needs nodes in scikit-fem's order")
 
 
 def on_faces(basis: Basis, faces: NDArray[np.int64]) -> FacetBasis:
@@ -421,14 +408,9 @@ def by_gradient(rate: Rate) -> Floats:
 
     The axes of k and L come before those of elements and points.
     """
-    columns = [[rate(_one_entry(k, j)) for j in range(3)] for k in range(3)]
+    entries = np.eye(9).reshape(3, 3, 3, 3, 1, 1)
+    columns = [[rate(entries[k, j]) for j in range(3)] for k in range(3)]
     return np.moveaxis(np.array(columns), (0, 1), (-4, -3))
-
-
-def _one_entry(row: int, column: int) -> Floats:
-    H = np.zeros((3, 3, 1, 1))
-    H[row, column] = 1.0
-    return H
 
 
 @dataclass(frozen=True, eq=False)
@@ -506,12 +488,7 @@ class WeakForm:
         return sp.csr_array(rigidity * self.system.bending[order][:, order])
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
-        """Return residual and tangent at a state.
-
-        The residual is the internal force minus the loads', with the volume equation condensed
-        element by element; the tangent is symmetric since the cavity is closed. Without it the
-        equations are only evaluated: neither couplings nor a condensed residual.
-        """
+        """Return residual and tangent at a state, see `DiscreteEquations`."""
         at, p = self._in_body(state)
         coupling = self._coupling(at) if tangent else None
         excess = asm(load, self.spaces.pressure, density=at.J - 1.0 - p / self.material.bulk_ratio)
@@ -590,14 +567,7 @@ class WeakForm:
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent applied to directions, as forms linear in v and q.
-
-        Returns
-        -------
-        list of pairs
-            Rate of the uncondensed residual, a rate of the load included, (n_nodes, 3); and rate
-            of the volume residual, (n_elements, n_modes).
-        """
+        """Return the mixed problem's tangent applied to directions, as forms linear in v and q."""
         return [
             (self._force_rate(state, along), self._volume_rate(state, along))
             for along in directions
@@ -625,20 +595,14 @@ class WeakForm:
         return np.asarray(rate, dtype=np.float64).reshape(along.pressure.shape)
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
-        """Return f + K Bᵀ M⁻¹ r on the free unknowns: the volume equation is eliminated.
-
-        ``factors`` gives B; it is the linearisation whose tangent is factorized.
-        """
+        """Return f + K Bᵀ M⁻¹ r on the free unknowns."""
         push = factors.coupling.T @ (self._compliance @ volume_residual.ravel())
         return self.system.on_free(force + _by_nodes(push))
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
     ) -> Floats:
-        """Return the pressure increments that go with a displacement increment.
-
-        δp = K M⁻¹ (B δu + r); without ``volume_residual`` r = 0, as for derivatives along a path.
-        """
+        """Return δp = K M⁻¹ (B δu + r)."""
         shape = factors.volume_residual.shape
         volume = factors.coupling @ _by_components(displacement)
         if volume_residual is not None:
