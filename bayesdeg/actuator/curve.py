@@ -39,14 +39,7 @@ from bayesdeg.actuator.outputs import (
     read_state,
     read_with_gradients,
 )
-from bayesdeg.actuator.problem import (
-    DiscreteEquations,
-    Linearisation,
-    MechanicalState,
-    Point,
-    Problem,
-    System,
-)
+from bayesdeg.actuator.problem import DiscreteEquations, Point, Problem, System
 from bayesdeg.actuator.sensitivity import (
     INPUTS,
     Variation,
@@ -109,47 +102,38 @@ class PathRecord:
         """Record a converged step."""
         if step.factors is None or step.rate is None:
             return
-        read = self._read_force if self._held else self._read_outputs
-        values, gradients = read(step.state, step.rate, step.factors)
+        if self._held:
+            share, held = self._mesh.share, tip_edge(self._mesh)
+            residual = self._problem.linearise(step.state, tangent=False).force
+            values = share * residual[held, 2].sum(keepdims=True)
+            gradients = share * reaction_derivatives(
+                self._problem,
+                self._solver,
+                state=step.state,
+                factors=step.factors,
+                held=held,
+                shapes=self._shapes,
+                enough=self._enough,
+            )
+        else:
+            values, by_position = read_with_gradients(
+                self._mesh, step.state, previous_angle=self._angle, is_smooth=self._is_smooth
+            )
+            self._angle = float(values[0])
+            gradients = derivatives(
+                self._problem,
+                self._solver,
+                state=step.state,
+                rate=step.rate,
+                factors=step.factors,
+                readings=values,
+                gradients=by_position,
+                shapes=self._shapes,
+                enough=self._enough,
+            )
         self.loads.append(step.state.load)
         self.readings.append(values)
         self.gradients.append(gradients)
-
-    def _read_outputs(
-        self, state: MechanicalState, rate: MechanicalState, factors: Linearisation
-    ) -> tuple[Floats, Floats]:
-        values, by_position = read_with_gradients(
-            self._mesh, state, previous_angle=self._angle, is_smooth=self._is_smooth
-        )
-        self._angle = float(values[0])
-        gradients = derivatives(
-            self._problem,
-            self._solver,
-            state=state,
-            rate=rate,
-            factors=factors,
-            readings=values,
-            gradients=by_position,
-            shapes=self._shapes,
-            enough=self._enough,
-        )
-        return values, gradients
-
-    def _read_force(
-        self, state: MechanicalState, _: MechanicalState, factors: Linearisation
-    ) -> tuple[Floats, Floats]:
-        share, held = self._mesh.share, tip_edge(self._mesh)
-        residual = self._problem.linearise(state, tangent=False).force
-        found = reaction_derivatives(
-            self._problem,
-            self._solver,
-            state=state,
-            factors=factors,
-            held=held,
-            shapes=self._shapes,
-            enough=self._enough,
-        )
-        return share * residual[held, 2].sum(keepdims=True), share * found
 
 
 @dataclass(frozen=True)

@@ -149,20 +149,7 @@ def hermite(points: Sequence[Point], load: float) -> Point:
     Σ (1 − 2 (t − tₖ) Lₖ'(tₖ)) Lₖ²(t) uₖ + (t − tₖ) Lₖ²(t) u̇ₖ with the Lagrange polynomials Lₖ.
     """
     at = np.array([point.state.load for point in points])
-    value, slope = _hermite_factors(at, load)
-    fields = []
-    for factors in (value, slope):
-        u, p = np.zeros_like(points[0].state.displacement), np.zeros_like(points[0].state.pressure)
-        for (on_state, on_rate), point in zip(factors, points, strict=True):
-            u += on_state * point.state.displacement + on_rate * point.rate.displacement
-            p += on_state * point.state.pressure + on_rate * point.rate.pressure
-        fields.append((u, p))
-    (u, p), (du, dp) = fields
-    return Point(MechanicalState(u, p, load), MechanicalState(du, dp, 1.0))
-
-
-def _hermite_factors(at: Floats, load: float) -> tuple[Floats, Floats]:
-    """Return factors of values and derivatives, (n, 2), for the value and for the slope."""
+    # factors of states and of tangents, for the polynomial and for its derivative
     value, slope = np.empty((len(at), 2)), np.empty((len(at), 2))
     for k, place in enumerate(at):
         others = np.delete(at, k)
@@ -178,7 +165,15 @@ def _hermite_factors(at: Floats, load: float) -> tuple[Floats, Floats]:
             -2.0 * here * lagrange**2 + (1.0 - 2.0 * t * here) * double,
             lagrange**2 + t * double,
         )
-    return value, slope
+    fields = []
+    for factors in (value, slope):
+        u, p = np.zeros_like(points[0].state.displacement), np.zeros_like(points[0].state.pressure)
+        for (on_state, on_rate), point in zip(factors, points, strict=True):
+            u += on_state * point.state.displacement + on_rate * point.rate.displacement
+            p += on_state * point.state.pressure + on_rate * point.rate.pressure
+        fields.append((u, p))
+    (u, p), (du, dp) = fields
+    return Point(MechanicalState(u, p, load), MechanicalState(du, dp, 1.0))
 
 
 @dataclass(frozen=True)
@@ -323,16 +318,10 @@ def locate_limit(
     deadline : float
         Time of ``time.monotonic`` at which the search is given up [s].
     """
-    last, spent = points[-1], 0
+    last = points[-1]
     with closing(open_factorization(problem.system.upper, solver, is_definite=False)) as opened:
-
-        def settled(guess: MechanicalState, volume: float) -> _Place | None:
-            nonlocal spent
-            place, count = _settle(problem, opened, guess, volume, effort)
-            spent += count
-            return place
-
-        here = settled(last.state, problem.cavity_volume(last.state))
+        start = problem.cavity_volume(last.state)
+        here, spent = _settle(problem, opened, last.state, start, effort)
         if here is None:
             return Limit(Status.EFFORT_EXHAUSTED, np.inf, spent)
         back = points[-2].state if len(points) > 1 else problem.system.rest()
@@ -349,7 +338,8 @@ def locate_limit(
             ahead = here.state.moved(
                 step * d.displacement, step * d.pressure, step * here.load_rate
             )
-            there = settled(ahead, here.volume + step)
+            there, count = _settle(problem, opened, ahead, here.volume + step, effort)
+            spent += count
             if there is None:
                 step *= 0.5
                 continue

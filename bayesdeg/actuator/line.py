@@ -98,11 +98,21 @@ def measure_bend(points: npt.ArrayLike, *, end_points: int | None = None) -> Ben
     directions = np.unwrap(np.arctan2(-steps[:, 1], steps[:, 0]))
     wanted = -(-len(row) // 3) if end_points is None else end_points
     count = min(len(row), max(3, wanted))
+    first, last = slice(0, count - 1), slice(len(chords) - count + 1, None)
     bend = Bend(0.0, float(chords.sum()))
     # the arc lengths need the curvature, which needs the arc lengths: a rapid contraction
     for _ in range(100):
-        arcs = _arcs(chords, bend.angle / bend.arc_length)
-        weights = _angle_weights(arcs, chords, count)
+        half_angles = np.arcsin(np.clip(abs(bend.angle / bend.arc_length) * chords / 2.0, 0.0, 1.0))
+        flat = half_angles < 1e-9
+        arcs = np.where(
+            flat, chords, chords * half_angles / np.where(flat, 1.0, np.sin(half_angles))
+        )
+        # the weighted sum of the directions is the bend angle
+        ends = np.concatenate([[0.0], np.cumsum(arcs)])
+        middles = (ends[:-1] + ends[1:]) / 2.0
+        weights = np.zeros(len(arcs))
+        weights[last] += _tangent_weights(middles[last] - ends[-1], chords[last])
+        weights[first] -= _tangent_weights(middles[first], chords[first])
         improved = Bend(float(weights @ directions), float(arcs.sum()))
         settled = abs(improved.angle - bend.angle) <= 1e-14 * (1.0 + abs(bend.angle))
         if settled and abs(improved.arc_length - bend.arc_length) <= 1e-14 * bend.arc_length:
@@ -120,23 +130,6 @@ def _checked(points: npt.ArrayLike) -> Floats:
     if np.any(np.all(np.diff(row, axis=0) == 0.0, axis=1)):
         raise ValueError("two neighbouring points coincide")
     return row
-
-
-def _arcs(chords: Floats, curvature: float) -> Floats:
-    half_angles = np.arcsin(np.clip(abs(curvature) * chords / 2.0, 0.0, 1.0))
-    flat = half_angles < 1e-9
-    return np.where(flat, chords, chords * half_angles / np.where(flat, 1.0, np.sin(half_angles)))
-
-
-def _angle_weights(arcs: Floats, chords: Floats, count: int) -> Floats:
-    """Weigh the directions of chords so that their sum is the bend angle."""
-    ends = np.concatenate([[0.0], np.cumsum(arcs)])
-    middles = (ends[:-1] + ends[1:]) / 2.0
-    first, last = slice(0, count - 1), slice(len(arcs) - count + 1, None)
-    weights = np.zeros(len(arcs))
-    weights[last] += _tangent_weights(middles[last] - ends[-1], chords[last])
-    weights[first] -= _tangent_weights(middles[first], chords[first])
-    return weights
 
 
 def _tangent_weights(distances: Floats, chords: Floats) -> Floats:

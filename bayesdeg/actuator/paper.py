@@ -265,9 +265,14 @@ def bending_matrix(body: Body) -> sp.coo_array:
         parts += _mirrored(grid, x, _lengths(y), UP_ONLY)
     if np.all(body.fixed[grid[:, 0], 1]):
         parts += _mirrored(grid.T, y, _lengths(x), BUT_ACROSS)
-    entries = [_outer(*part) for part in parts]
-    rows, columns, values = (np.concatenate(piece) for piece in zip(*entries, strict=True))
-    return sp.coo_array((values, (rows, columns)), shape=(size, size))
+    rows, columns, values = list[Indices](), list[Indices](), list[Floats]()
+    for degrees, factors in parts:
+        shape = (*degrees.shape, degrees.shape[1])
+        rows.append(np.broadcast_to(degrees[:, :, None], shape).ravel())
+        columns.append(np.broadcast_to(degrees[:, None, :], shape).ravel())
+        values.append((factors[:, :, None] * factors[:, None, :]).ravel())
+    places = np.concatenate(rows), np.concatenate(columns)
+    return sp.coo_array((np.concatenate(values), places), shape=(size, size))
 
 
 def _lengths(at: Floats) -> Floats:
@@ -310,11 +315,3 @@ def _mirrored(
 
 def _for_components(nodes: Indices, factors: Floats, components: tuple[int, ...]) -> list[Stencils]:
     return [(3 * nodes + component, factors) for component in components]
-
-
-def _outer(degrees: Indices, factors: Floats) -> tuple[Indices, Indices, Floats]:
-    shape = (*degrees.shape, degrees.shape[1])
-    rows = np.broadcast_to(degrees[:, :, None], shape)
-    columns = np.broadcast_to(degrees[:, None, :], shape)
-    values = factors[:, :, None] * factors[:, None, :]
-    return rows.ravel(), columns.ravel(), values.ravel()

@@ -429,15 +429,7 @@ class Problem:
             volume_rates,
         )
         split = np.ascontiguousarray(np.moveaxis(forces, -1, 0))
-        self._add_surface_products(state, directions, split)
-        return list(zip(split, np.ascontiguousarray(np.moveaxis(volume_rates, -1, 0)), strict=True))
-
-    def _add_surface_products(
-        self, state: MechanicalState, directions: Sequence[MechanicalState], forces: Floats
-    ) -> None:
-        along = np.stack([d.displacement for d in directions], axis=-1)
-        body, spare = self.system.body, np.zeros_like(self.system.body.nodes)
-        placed = body.nodes + state.displacement
+        spare, placed = np.zeros_like(body.nodes), body.nodes + state.displacement
         at, data = _own_entries(body.cavity)
         kernels.cavity_volume(placed, body.cavity, self._form, -state.load, spare, at, data)
         surfaces = [(body.cavity, data.reshape(at.shape))]
@@ -450,13 +442,14 @@ class Problem:
         for faces, tangents in surfaces:
             local = along[faces].reshape(*tangents.shape[:2], len(directions))
             pushes = (tangents @ local).reshape(*faces.shape, 3, len(directions))
-            kernels.add_rows(faces, pushes, forces)
+            kernels.add_rows(faces, pushes, split)
         if self.material.paper_group > 0.0:
             bend = self.system.bending @ along.reshape(-1, len(directions))
-            forces += self.bending_stiffness * bend.T.reshape(forces.shape)
+            split += self.bending_stiffness * bend.T.reshape(split.shape)
         pressed = np.array([d.load for d in directions])
         if np.any(pressed != 0.0):
-            forces -= pressed[:, None, None] * self.cavity_gradient(state)
+            split -= pressed[:, None, None] * self.cavity_gradient(state)
+        return list(zip(split, np.ascontiguousarray(np.moveaxis(volume_rates, -1, 0)), strict=True))
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
         """Return a residual on the free unknowns, its volume equation eliminated."""

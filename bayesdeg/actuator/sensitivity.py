@@ -269,19 +269,7 @@ def combined(
     With X the approximate adjoints as columns and G the right-hand sides, λ = X (1 + c), where
     (Xᵀ K X) c = Xᵀ (G − K X).
 
-    Parameters
-    ----------
-    adjoints : sequence of MechanicalState
-        X.
-    products : sequence of pairs
-        K X, from ``Problem.products``.
-    gradients : array, shape (n_adjoints, n_nodes, 3)
-        G.
-
-    Returns
-    -------
-    adjoints, products : lists
-        λ and K λ.
+    Given are X, K X from ``Problem.products``, and G (n_adjoints, n_nodes, 3); returned λ and K λ.
     """
     parts = (
         np.stack([adjoint.displacement for adjoint in adjoints]),
@@ -318,7 +306,7 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
     placed = body.nodes + state.displacement
     bricks = np.ones(len(body.elements), dtype=bool)
     by_layer = np.zeros_like(body.nodes)
-    if problem.layer is not None and body.layer is not None:
+    if problem.layer is not None:
         bricks = ~body.layer
         relative = _rates_of(problem, state, body.layer, np.ones_like(body.weights))[3]
         by_layer = relative / problem.layer.c1

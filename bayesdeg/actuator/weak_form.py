@@ -490,8 +490,13 @@ class WeakForm:
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
         """Return residual and tangent at a state, see `DiscreteEquations`."""
         at, p = self._in_body(state)
-        coupling = self._coupling(at) if tangent else None
-        excess = asm(load, self.spaces.pressure, density=at.J - 1.0 - p / self.material.bulk_ratio)
+        spaces, coupling = self.spaces, None
+        if tangent:  # B: ∫ q cof F : ∇u, unknowns component by component
+            rows = [
+                asm(flow, spaces.displacement, spaces.pressure, density=row) for row in at.cofactor
+            ]
+            coupling = sp.csr_array(sp.hstack(rows))
+        excess = asm(load, spaces.pressure, density=at.J - 1.0 - p / self.material.bulk_ratio)
         lin = Linearisation(
             residual=NOTHING,
             tangent=NOTHING if coupling is None else self._tangent(state, coupling),
@@ -519,11 +524,6 @@ class WeakForm:
     def _has_paper(self) -> bool:
         return self.material.paper_group > 0.0
 
-    def _coupling(self, at: Deformation) -> sp.csr_array:
-        """B: ∫ q cof F : ∇u, unknowns component by component."""
-        u, p = self.spaces.displacement, self.spaces.pressure
-        return sp.csr_array(sp.hstack([asm(flow, u, p, density=row) for row in at.cofactor]))
-
     def _force(self, state: MechanicalState) -> Floats:
         """Return the forces of body stress, weight, gas pressure, membrane and paper bending."""
         spaces = self.spaces
@@ -549,14 +549,11 @@ class WeakForm:
             F = self._on_paper(state)
             stiff = by_gradient(lambda H: self._paper.stress_rate(F, H))
             parts += [assembled_stiffness(spaces.paper, stiff), self._bending]
-        return self._stored(sp.csr_array(sum(parts)))
-
-    def _stored(self, matrix: sp.csr_array) -> Floats:
-        """Return the entries in the system's pattern of the upper triangle."""
+        matrix = sp.csr_array(sum(parts))
+        matrix.sum_duplicates()
         upper, free = self.system.upper, self.system.free
         places = free % 3 * len(self.system.body.nodes) + free // 3
         rows = np.repeat(places, np.diff(upper.indptr))
-        matrix.sum_duplicates()
         return np.asarray(matrix[rows, places[upper.indices]], dtype=np.float64)
 
     @property
@@ -568,31 +565,25 @@ class WeakForm:
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
         """Return the mixed problem's tangent applied to directions, as forms linear in v and q."""
-        return [
-            (self._force_rate(state, along), self._volume_rate(state, along))
-            for along in directions
-        ]
-
-    def _force_rate(self, state: MechanicalState, along: MechanicalState) -> Floats:
-        spaces, (at, p), u = self.spaces, self._in_body(state), along.displacement
-        p_rate = np.asarray(spaces.pressure.interpolate(along.pressure.ravel()))
-        stress = self._solid.stress_rate(at, p, gradient(spaces.displacement, u))
-        force = assembled_force(spaces.displacement, stress + p_rate * at.cofactor)
-        turned = self._on_wall(state).cofactor_rate(gradient(spaces.cavity, u))
-        force += state.load * assembled_load(spaces.cavity, on_normal(turned, spaces.cavity))
-        force -= along.load * self.cavity_gradient(state)
-        if self._has_paper:
-            change = self._paper.stress_rate(self._on_paper(state), gradient(spaces.paper, u))
-            force += assembled_force(spaces.paper, change)
-            force += _by_nodes(self._bending @ _by_components(u))
-        return force
-
-    def _volume_rate(self, state: MechanicalState, along: MechanicalState) -> Floats:
-        spaces, (at, _) = self.spaces, self._in_body(state)
-        p_rate = np.asarray(spaces.pressure.interpolate(along.pressure.ravel()))
-        growth = ddot(at.cofactor, gradient(spaces.displacement, along.displacement))
-        rate = asm(load, spaces.pressure, density=growth - p_rate / self.material.bulk_ratio)
-        return np.asarray(rate, dtype=np.float64).reshape(along.pressure.shape)
+        spaces, (at, p), wall = self.spaces, self._in_body(state), self._on_wall(state)
+        found = []
+        for along in directions:
+            u = along.displacement
+            slope = gradient(spaces.displacement, u)
+            p_rate = np.asarray(spaces.pressure.interpolate(along.pressure.ravel()))
+            stress = self._solid.stress_rate(at, p, slope)
+            force = assembled_force(spaces.displacement, stress + p_rate * at.cofactor)
+            turned = wall.cofactor_rate(gradient(spaces.cavity, u))
+            force += state.load * assembled_load(spaces.cavity, on_normal(turned, spaces.cavity))
+            force -= along.load * self.cavity_gradient(state)
+            if self._has_paper:
+                change = self._paper.stress_rate(self._on_paper(state), gradient(spaces.paper, u))
+                force += assembled_force(spaces.paper, change)
+                force += _by_nodes(self._bending @ _by_components(u))
+            density = ddot(at.cofactor, slope) - p_rate / self.material.bulk_ratio
+            rate = np.asarray(asm(load, spaces.pressure, density=density), dtype=np.float64)
+            found.append((force, rate.reshape(along.pressure.shape)))
+        return found
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
         """Return f + K Bᵀ M⁻¹ r on the free unknowns."""

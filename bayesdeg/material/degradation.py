@@ -77,6 +77,8 @@ NODES: tuple[Nodes, ...] = (
     (0.0, 25.0 / 3.0, 50.0 / 3.0, 25.0),
 )
 """Evenly spaced nodes of each order [%]."""
+STABILITY_LEVELS = 51
+"""Degradation rates at which stability is examined."""
 SMALLEST_SPACING = 1.0
 """Levels of degradation [%] closer than this count as one."""
 
@@ -114,7 +116,10 @@ def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
         raise ValueError(f"the order must be 0, 1, 2 or 3, not {order!r}")
     if levels.size == 0 or not np.all(np.isfinite(levels)):
         raise ValueError("at least one degradation level is needed, and all must be finite")
-    distinct = _count_distinct(levels)
+    distinct, start = 1, levels[0]
+    for level in levels:
+        if level - start >= SMALLEST_SPACING:
+            distinct, start = distinct + 1, level
     if distinct == 1:
         return (round(float(levels.mean()), 1),)
     return NODES[min(order, distinct - 1)]
@@ -273,28 +278,10 @@ def yeoh_constants(
     r"""Return Yeoh's constants at D_R, each a polynomial in D_R.
 
     At the nodes :math:`C_2 = r \sqrt{3 C_1 C_3}`, so the material is stable there if r > −1 (see
-    `stability.satisfies_baker_ericksen`); between them see `is_stable`.
+    `satisfies_baker_ericksen`); between them see `is_stable`.
 
-    Parameters
-    ----------
-    c1_nodes, c3_nodes : array_like, shape (..., n_nodes)
-        C₁ and C₃ at the nodes [MPa], not negative.
-    c2_ratio_nodes : array_like, shape (..., n_nodes)
-        r at the nodes [–].
-    degradation : array_like
-        Degradation rate D_R [%]; shapes as in `polynomial`.
-    nodes : tuple of float
-        Distinct nodes [%].
-
-    Returns
-    -------
-    tuple of ndarray
-        C₁, C₂, C₃ [MPa].
-
-    Raises
-    ------
-    ValueError
-        If two nodes coincide or their number differs from that of the values.
+    C₁, C₃ [MPa] and r [–] at the nodes are (..., n_nodes), C₁ and C₃ not negative; shapes and errors
+    are otherwise those of `polynomial`.
 
     References
     ----------
@@ -322,29 +309,10 @@ def is_stable(
     *,
     largest_degradation: float,
     nodes: Nodes,
-    points: int = 51,
 ) -> BoolArray:
     """Return whether C₁ > 0, C₃ > 0 and C₂ > −√(3 C₁ C₃) for every D_R from 0 to the largest.
 
-    Parameters
-    ----------
-    c1_nodes, c2_ratio_nodes, c3_nodes : array_like, shape (..., n_nodes)
-        As in `yeoh_constants`.
-    largest_degradation : float
-        Largest D_R to be evaluated [%].
-    nodes : tuple of float
-        Distinct nodes [%].
-    points : int
-        Levels examined.
-
-    Returns
-    -------
-    ndarray of bool, shape (...)
-
-    Raises
-    ------
-    ValueError
-        If two nodes coincide or their number differs from that of the values.
+    Arguments and errors as `yeoh_constants`.
 
     Examples
     --------
@@ -353,7 +321,7 @@ def is_stable(
     ... )
     array([ True])
     """
-    grid = np.linspace(0.0, largest_degradation, points)
+    grid = np.linspace(0.0, largest_degradation, STABILITY_LEVELS)
     c1, c2, c3 = yeoh_constants(c1_nodes, c2_ratio_nodes, c3_nodes, grid, nodes)
     return np.asarray(np.all((c3 > 0.0) & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
 
@@ -400,14 +368,6 @@ def _other_nodes(nodes: Nodes) -> tuple[FloatArray, FloatArray]:
         raise ValueError(f"nodes must be distinct, got {nodes}")
     others = np.array([np.delete(places, i) for i in range(places.size)])
     return others, np.prod(places[:, np.newaxis] - others, axis=-1)
-
-
-def _count_distinct(levels: FloatArray) -> int:
-    count, start = 1, levels[0]
-    for level in levels:
-        if level - start >= SMALLEST_SPACING:
-            count, start = count + 1, level
-    return count
 
 
 class Controls(NamedTuple):

@@ -37,24 +37,8 @@ def limit_stretch(
 
     .. math:: \lambda_b(D_R) = 1 + \exp \sum_i w_i(D_R) \ln \varepsilon_i
 
-    Parameters
-    ----------
-    log_elongation_at_nodes : array_like, shape (..., n_nodes)
-        Logarithm of the median elongation at break ε = λ_b − 1 at the nodes [–].
-    degradation : array_like, shape (), (S,) or (..., S)
-        Degradation rate D_R [%].
-    nodes : tuple of float
-        Distinct nodes [%].
-
-    Returns
-    -------
-    ndarray, shape (...) or (..., S)
-        Above 1 always.
-
-    Raises
-    ------
-    ValueError
-        If two nodes coincide or their number differs from that of the values.
+    with ln ε the logarithm of the median elongation at the nodes. Above 1 always; shapes and errors
+    are those of `polynomial`.
 
     Examples
     --------
@@ -507,16 +491,8 @@ def wall_state(stretch: npt.ArrayLike, biaxiality: npt.ArrayLike) -> FloatArray:
 
     .. math:: (\lambda, \lambda^b, \lambda^{-1-b})
 
-    Parameters
-    ----------
-    stretch : array_like, shape (...)
-        Largest principal stretch λ [–].
-    biaxiality : array_like, shape (...)
-        b: −1/2 of uniaxial, 0 of planar, 1 of equibiaxial tension [–].
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
+    From the largest principal stretch λ and b: −1/2 of uniaxial, 0 of planar, 1 of equibiaxial
+    tension [–]; the three are on a new last axis.
 
     Examples
     --------
@@ -538,14 +514,7 @@ def energy_equivalent_stretch(stretches: npt.ArrayLike) -> FloatArray:
 
     by the trigonometric formula for three real roots of :math:`\lambda^3 - I_1 \lambda + 2`.
 
-    Parameters
-    ----------
-    stretches : array_like, shape (..., 3)
-        Principal stretches [–] whose product is 1.
-
-    Returns
-    -------
-    ndarray, shape (...)
+    ``stretches`` (..., 3) are principal stretches [–] whose product is 1.
 
     Examples
     --------
@@ -563,15 +532,7 @@ def hencky_equivalent_strain(stretches: npt.ArrayLike) -> FloatArray:
 
     .. math:: \varepsilon_{eq} = \sqrt{\tfrac23 \sum_i (\ln \lambda_i)^2}
 
-    Parameters
-    ----------
-    stretches : array_like, shape (..., 3)
-        Principal stretches [–] whose product is 1.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        ln λ in uniaxial tension [–].
+    It is ln λ in uniaxial tension [–]; ``stretches`` (..., 3) have a product of 1.
 
     Examples
     --------
