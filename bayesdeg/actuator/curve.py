@@ -62,22 +62,9 @@ CUBIC_MILLIMETRE = 1e-3  # ml
 class PathRecord:
     """Records readings along a path, and derivatives while the solver holds the factors.
 
-    Parameters
-    ----------
-    mesh : ActuatorMesh
-        Mesh whose outputs are read.
-    problem : Problem
-        Problem of the path.
-    solver : Factorization
-        Solver of the path.
-    shapes : sequence of Variation
-        Shape variations of the mesh, None where it cannot vary.
-    held : bool
-        Whether the force at the held tip is read instead of the outputs.
-    enough : float
-        Relative correction of an adjoint at convergence.
-    is_smooth : bool
-        Whether derivatives of quantiles are smooth, as in `outputs.read_with_gradients`.
+    Read are the outputs or, if ``held``, the force at the held tip. ``shapes`` are variations of the
+    mesh, None where it cannot vary; ``enough`` is the relative correction of an adjoint at
+    convergence; derivatives of quantiles may be smooth, as in `outputs.read_with_gradients`.
     """
 
     def __init__(

@@ -303,20 +303,8 @@ def locate_limit(
     sign the actuator balloons. If the tangent becomes indefinite while the pressure still rises,
     the shape buckles instead.
 
-    Parameters
-    ----------
-    problem : DiscreteEquations
-        The problem of the path.
-    points : sequence of Point
-        The path as followed under pressure control.
-    effort : PathEffort
-        Tolerances and bounds.
-    highest : float
-        Largest load of interest [–]; the search ends at twice that.
-    solver : str, optional
-        Name of the direct solver; by default the best available.
-    deadline : float
-        Time of ``time.monotonic`` at which the search is given up [s].
+    Searched is up to twice the ``highest`` load of interest [–], until ``deadline``, a time of
+    ``time.monotonic`` [s].
     """
     last = points[-1]
     with closing(open_factorization(problem.system.upper, solver, is_definite=False)) as opened:
@@ -454,23 +442,9 @@ def follow(
     inverts an element or does not converge is retried with a guess by the last tangent alone, or
     halved; when it cannot be halved further, the limit point is searched.
 
-    Parameters
-    ----------
-    problem : DiscreteEquations
-        Body, material and dead loads.
-    solver : Factorization
-        Direct solver opened on ``problem.system.upper``.
-    loads : sequence of float
-        Pressure over C1, increasing, above 0 [–].
-    effort : PathEffort, optional
-        Tolerances and bounds.
-    visit : callable, optional
-        Called with each converged step while the solver holds its factors, rest first.
-
-    Returns
-    -------
-    Path
-        Never raises for a physical reason: check ``status``.
+    ``loads`` are the pressures over C1, increasing, above 0 [–]; ``visit`` is called with each
+    converged step while the solver holds its factors, rest first. Nothing is raised for a physical
+    reason: check the path's status.
     """
     effort = effort or PathEffort()
     if not is_elliptic(problem.material):

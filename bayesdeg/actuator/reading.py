@@ -182,18 +182,8 @@ def line_of_reading(
     and φ(s) the direction along the line, φ/θ is fitted at every s by a polynomial of second order
     in θ and l, to the shipped finite element lines.
 
-    Parameters
-    ----------
-    angle : float
-        Bend angle as the operator reads it [rad].
-    length : float
-        Length of the line [mm].
-    paper_group : float
-        E t/(C1 s) [mm].
-    operator : str
-        One of `bayesdeg.actuator.line.OPERATORS`.
-    points : int
-        Number of points that it reads.
+    ``angle`` is the bend angle as the operator reads it [rad] from a number of points, ``length``
+    that of the line [mm], and ``paper_group`` is E t/(C1 s) [mm].
 
     Examples
     --------

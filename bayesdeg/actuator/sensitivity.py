@@ -145,31 +145,13 @@ def derivatives(
 ) -> Floats:
     """Return derivatives of outputs by the inputs, shape (n_outputs, n_inputs).
 
-    Parameters
-    ----------
-    problem : Problem
-        Problem of the equilibrium.
-    solver : Factorization
-        Holds the factors of a tangent at, or next to, the state.
-    state : MechanicalState
-        An equilibrium.
-    rate : MechanicalState
-        d(state)/d(load) there, the adjoint of the cavity volume: K λ = ∂V/∂u is the effect of the
-        pressure.
-    factors : Linearisation
-        That tangent's linearisation.
-    readings, gradients : arrays, shapes (n_outputs,) and (n_outputs, n_nodes, 3)
-        From ``outputs.read_with_gradients``.
-    shapes : sequence of Variation
-        Variations of ``SHAPE_INPUTS``.
-    enough : float
-        Relative correction of an adjoint at convergence.
-
-    Returns
-    -------
-    array
-        Columns in the order of ``INPUTS``, nan where the geometry cannot vary; outputs depend
-        directly on the shape only.
+    The solver holds the factors of a tangent at, or next to, the equilibrium; ``factors`` is that
+    tangent's linearisation. ``rate`` is d(state)/d(load), the adjoint of the cavity volume: K λ =
+    ∂V/∂u is the effect of the pressure. ``readings`` (n_outputs,) and ``gradients`` (n_outputs,
+    n_nodes, 3) come from ``outputs.read_with_gradients``, ``shapes`` are the variations of
+    ``SHAPE_INPUTS``, and ``enough`` is the relative correction of an adjoint at convergence.
+    Columns are in the order of ``INPUTS``, nan where the geometry cannot vary; outputs depend
+    directly on the shape only.
     """
     others = np.delete(gradients, VOLUME, axis=0)
     adjoints = adjoint_states(
@@ -200,12 +182,7 @@ def reaction_derivatives(
     F = vᵀR with v = 1 up at these nodes, so that dF/dm = μᵀ ∂R/∂m, with μ = v there and K μ = 0 at
     the unknowns: the response of the body to lifting them.
 
-    Parameters
-    ----------
-    problem, solver, state, factors, shapes, enough
-        As in `derivatives`.
-    held : array
-        Nodes held in z.
+    ``held`` are the nodes held in z; the other arguments are those of `derivatives`.
     """
     lifted = np.zeros_like(problem.system.body.nodes)
     lifted[held, 2] = 1.0

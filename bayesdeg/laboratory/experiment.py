@@ -618,19 +618,9 @@ def read_actuators(
 ) -> pd.DataFrame:
     """Read actuators bent by separate physics, up to their rupture.
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        As in `inflate_actuators`.
-    truth : Truth
-        Reading errors.
-    bent : Bent
-        Responses of the specimens, in order of first appearance in the table.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The columns of ``actuator.csv``.
+    ``table`` is as in `inflate_actuators`, of whose truth only the reading errors count; ``bent`` has
+    the specimens in the order of first appearance in the table. Returned are the columns of
+    ``actuator.csv``.
     """
     plan = _plan(table, truth)
     reached = (np.cumsum(bent.burst, axis=1) - bent.burst == 0)[plan.mask]

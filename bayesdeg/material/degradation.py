@@ -280,8 +280,8 @@ def yeoh_constants(
     At the nodes :math:`C_2 = r \sqrt{3 C_1 C_3}`, so the material is stable there if r > −1 (see
     `satisfies_baker_ericksen`); between them see `is_stable`.
 
-    C₁, C₃ [MPa] and r [–] at the nodes are (..., n_nodes), C₁ and C₃ not negative; shapes and errors
-    are otherwise those of `polynomial`.
+    C₁, C₃ [MPa], not negative, and r [–] at the nodes are (..., n_nodes); shapes and errors are
+    otherwise those of `polynomial`.
 
     References
     ----------
