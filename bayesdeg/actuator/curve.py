@@ -62,9 +62,10 @@ CUBIC_MILLIMETRE = 1e-3  # ml
 class PathRecord:
     """Records readings along a path, and derivatives while the solver holds the factors.
 
-    Read are the outputs or, if ``held``, the force at the held tip. ``shapes`` are variations of the
-    mesh, None where it cannot vary; ``enough`` is the relative correction of an adjoint at
-    convergence; derivatives of quantiles may be smooth, as in `outputs.read_with_gradients`.
+    The readings are the outputs or, if ``held``, the force at the held tip. ``shapes`` are
+    variations of the mesh, None where it cannot vary; ``enough`` is the relative correction of an
+    adjoint at convergence; derivatives of quantiles may be smooth, as in
+    `outputs.read_with_gradients`.
     """
 
     def __init__(

@@ -303,7 +303,7 @@ def locate_limit(
     sign the actuator balloons. If the tangent becomes indefinite while the pressure still rises,
     the shape buckles instead.
 
-    Searched is up to twice the ``highest`` load of interest [–], until ``deadline``, a time of
+    The search ends at twice the ``highest`` load of interest [–], or at ``deadline``, a time of
     ``time.monotonic`` [s].
     """
     last = points[-1]

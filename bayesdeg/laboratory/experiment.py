@@ -618,7 +618,7 @@ def read_actuators(
 ) -> pd.DataFrame:
     """Read actuators bent by separate physics, up to their rupture.
 
-    ``table`` is as in `inflate_actuators`, of whose truth only the reading errors count; ``bent`` has
+    ``table`` is as in `inflate_actuators`; of the truth only the reading errors count; ``bent`` has
     the specimens in the order of first appearance in the table. Returned are the columns of
     ``actuator.csv``.
     """
