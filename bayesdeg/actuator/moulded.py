@@ -58,6 +58,7 @@ class Moulded(Protocol):
 
     def change_problems(self) -> tuple[str, ...]:
         """Say why walls cannot be changed by this factor and erosion; empty if they can."""
+        return ()
 
     @property
     def bottom_is_exposed(self) -> bool:
