@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from PIL import Image
 
-from bayesdeg.actuator.inputs import dimensionless
+from bayesdeg.actuator.inputs import paper_group_of
 from bayesdeg.actuator.line import MILLIMETRES_PER_METRE
 from bayesdeg.actuator.reading import line_of_reading
 from bayesdeg.data.photographs import FOLDER, TracedPhotograph
@@ -159,7 +159,7 @@ def paper_groups(fit: Fit, pictures: tuple[Picture, ...]) -> Floats:
     """
     rates = np.array([one.photograph.degradation or 0.0 for one in pictures])
     pressures = np.array([one.photograph.pressure or 0.0 for one in pictures])
-    groups = dimensionless(fitted_inputs(fit, rates, pressures))[3]
+    groups = paper_group_of(fitted_inputs(fit, rates, pressures))
     found: Floats = np.broadcast_to(groups, (1, len(rates), len(rates)))[0].diagonal()
     return found
 

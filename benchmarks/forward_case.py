@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import Curve, CurveSolution
-from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
+from bayesdeg.actuator.inputs import Inputs, load_of, material_groups
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.status import Status
 
@@ -39,9 +39,8 @@ def curve_of(name: str) -> Curve:
         PAPER_STIFFNESS * one,
         paper_thickness=PAPER_THICKNESS * one,
     )
-    loads, *_ = dimensionless(inputs)
     groups = {key: float(group[0]) for key, group in material_groups(inputs).items()}
-    return Curve(tuple(float(q) for q in loads), MaterialGroups(**groups))
+    return Curve(tuple(float(q) for q in load_of(inputs)), MaterialGroups(**groups))
 
 
 def curvature_of(solution: CurveSolution) -> Floats:

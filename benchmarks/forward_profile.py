@@ -12,12 +12,7 @@ from forward_case import LINEAR_SCALE, Floats, curvature_of, curve_of, largest_d
 
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.equilibrium import follow
-from bayesdeg.actuator.linear import (
-    Factorization,
-    Indefinite,
-    open_factorization,
-    open_indefinite,
-)
+from bayesdeg.actuator.linear import Factorization, open_factorization
 from bayesdeg.actuator.mesh import ActuatorMesh
 from bayesdeg.actuator.outputs import read_state
 from bayesdeg.actuator.problem import Linearisation, MechanicalState, Problem, System
@@ -69,9 +64,9 @@ class TimedFactorization:
     def name(self) -> str:
         return self.solver.name
 
-    def factorize(self, data: Floats) -> None:
+    def factorize(self, data: Floats) -> int:
         with self.watch.on("factorization"):
-            self.solver.factorize(data)
+            return self.solver.factorize(data)
 
     def solve(self, right: Floats) -> Floats:
         with self.watch.on("triangular_solves"):
@@ -119,7 +114,7 @@ def plain_newton(mesh: ActuatorMesh, curve: Curve, *, effort: PathEffort) -> Run
     is halved only where an element turns inside out or the iteration does not end.
     """
     system = System(mesh.body)
-    solver = open_indefinite(system.upper)
+    solver = open_factorization(system.upper, is_definite=False)
     problem, state, spent = Problem(system, curve.material), system.rest(), 0
     curvatures: list[float] = []
     for load in curve.loads:
@@ -140,7 +135,7 @@ def plain_newton(mesh: ActuatorMesh, curve: Curve, *, effort: PathEffort) -> Run
 
 
 def _iterate(
-    problem: Problem, solver: Indefinite, state: MechanicalState, effort: PathEffort
+    problem: Problem, solver: Factorization, state: MechanicalState, effort: PathEffort
 ) -> tuple[MechanicalState | None, int]:
     size = float(np.ptp(problem.system.body.nodes, axis=0).max())
     for count in range(1, effort.iterations + 1):

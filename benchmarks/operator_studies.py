@@ -36,7 +36,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, dimensionless
+from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, paper_group_of
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import FINE, build_mesh
@@ -174,7 +174,7 @@ class ReadOtherwise:
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the reading."""
         found, lines = self.mechanics(inputs), fine_lines()
-        group = dimensionless(inputs)[3]
+        group = paper_group_of(inputs)
         angle, group = np.broadcast_arrays(np.radians(found.bend_angle), group)
         angle = np.clip(np.abs(angle), lines.angle.min(), lines.angle.max())
         group = np.clip(group, lines.group.min(), lines.group.max())

@@ -320,7 +320,7 @@ def _blocked(one: Part, clamp: Clamp | None) -> float:
     nodes = np.unique(actuator.mesh.free_end)
     tip[nodes, 2] = 1.0 / len(nodes)
     body.solver.factorize(equations.linearise(state).tangent)
-    loads = [equations.on_free(load) for load in (equations.cavity_gradient(state), tip)]
+    loads = [body.system.on_free(load) for load in (equations.cavity_gradient(state), tip)]
     moved = body.solver.solve(np.column_stack(loads)).T @ loads[1]
     return float(moved[0] / moved[1])
 

@@ -40,7 +40,7 @@ from bayesdeg.actuator.inputs import Inputs, load_of, material_groups
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import FINE, build_mesh
-from bayesdeg.actuator.outputs import principal_stretch, read_state
+from bayesdeg.actuator.outputs import StrainFields, read_state
 from bayesdeg.actuator.status import MODEL_VERSION, Status
 from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
@@ -118,7 +118,7 @@ def solved(world: int, level: float) -> None:
     for point in (path.rest, *path.points):
         angle, length = read_state(mesh, point.state, previous_angle=angle).values[:2]
         readings.append((angle, length))
-        strains.append(principal_stretch(mesh.body, point.state).value.ravel() - 1.0)
+        strains.append(StrainFields.of(mesh.body, point.state).largest.value.ravel() - 1.0)
     angles, lengths = np.array(readings).T
     with written(path_of(world, level)) as part, part.open("wb") as file:
         np.savez(

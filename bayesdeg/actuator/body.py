@@ -209,8 +209,8 @@ class Body:
         Displacements fixed at zero.
     depth : array, shape (n_elements, n_points)
         Depth of each quadrature point under the nearest exposed face; inf if there is none [mm].
-    layer : array of bool, shape (n_elements,), optional
-        Bricks of a layer of a different elastomer; none by default.
+    layer : array of bool, shape (n_elements,)
+        Bricks of a layer of a different elastomer.
     """
 
     element: Element
@@ -222,7 +222,7 @@ class Body:
     paper: Indices
     fixed: NDArray[np.bool_]
     depth: Floats
-    layer: NDArray[np.bool_] | None = None
+    layer: NDArray[np.bool_]
 
     def placed_at(self, nodes: Floats) -> Self:
         """Return the same bricks with moved nodes, (n_nodes, 3) [mm]."""
@@ -238,19 +238,8 @@ class Body:
 def isoparametric(element: Element, corners: Floats) -> tuple[Floats, Floats]:
     """Return gradients and volumes of quadrature points from the nodes of every brick.
 
-    Parameters
-    ----------
-    element : Element
-        Kind of brick.
-    corners : array, shape (n_elements, n_local, 3)
-        Positions of its nodes [mm].
-
-    Returns
-    -------
-    gradients : array, shape (n_elements, n_points, 3, n_local)
-        [1/mm].
-    weights : array, shape (n_elements, n_points)
-        [mm³].
+    From nodes (n_elements, n_local, 3) [mm] to gradients (n_elements, n_points, 3, n_local) [1/mm]
+    and volumes (n_elements, n_points) [mm³].
 
     Raises
     ------
@@ -282,9 +271,14 @@ def body_of(mesh: MeshHex, element: Element = QUADRATIC) -> Body:
 def _bare(element: Element, nodes: Floats, elements: Indices) -> Body:
     gradients, weights = isoparametric(element, nodes[elements])
     none = np.empty((0, element.sides.shape[1]), dtype=np.int64)
-    held = np.zeros(nodes.shape, dtype=bool)
-    buried = np.full(weights.shape, np.inf)
-    return Body(element, nodes, elements, gradients, weights, none, none, held, buried)
+    return Body(
+        *(element, nodes, elements, gradients, weights),
+        cavity=none,
+        paper=none,
+        fixed=np.zeros(nodes.shape, dtype=bool),
+        depth=np.full(weights.shape, np.inf),
+        layer=np.zeros(len(elements), dtype=bool),
+    )
 
 
 def tetrahedra_of(points: Floats, cells: Indices) -> Body:
@@ -327,14 +321,7 @@ def box(
 ) -> Body:
     """Return a box from the origin, clamped on its face x = 0.
 
-    Parameters
-    ----------
-    lengths : tuple of float
-        Along x, y and z [mm].
-    divisions : tuple of int
-        Number of bricks along x, y and z.
-    element : Element
-        Kind of brick.
+    Lengths [mm] and numbers of bricks are along x, y and z.
 
     Examples
     --------
@@ -363,15 +350,8 @@ def boundary_faces(body: Body) -> Indices:
 def faces_on_plane(body: Body, height: float) -> Indices:
     """Return the nodes of all faces in the plane z = height, each once, (n_faces, (order + 1)²).
 
-    Faces of the boundary, and those between two bricks; the orientation of a face's grid is
-    arbitrary.
-
-    Parameters
-    ----------
-    body : Body
-        Of straight bricks.
-    height : float
-        Of the plane [mm].
+    Faces of the boundary, and those between two straight bricks; the orientation of a face's grid
+    is arbitrary.
 
     Examples
     --------

@@ -16,7 +16,7 @@ from bayesdeg.actuator.inputs import (
     Further,
     Inputs,
     Prediction,
-    dimensionless,
+    load_of,
     material_groups,
     relative_to_reference,
 )
@@ -62,22 +62,10 @@ CUBIC_MILLIMETRE = 1e-3  # ml
 class PathRecord:
     """Records readings along a path, and derivatives while the solver holds the factors.
 
-    Parameters
-    ----------
-    mesh : ActuatorMesh
-        Mesh whose outputs are read.
-    problem : Problem
-        Problem of the path.
-    solver : Factorization
-        Solver of the path.
-    shapes : sequence of Variation
-        Shape variations of the mesh, None where it cannot vary.
-    wanted : frozenset of float, optional
-        Loads to record; by default all.
-    enough : float
-        Relative correction of an adjoint at convergence.
-    is_smooth : bool
-        Whether derivatives of quantiles are smooth, as in `outputs.read_with_gradients`.
+    The readings are the outputs or, if ``held``, the force at the held tip. ``shapes`` are
+    variations of the mesh, None where it cannot vary; ``enough`` is the relative correction of an
+    adjoint at convergence; derivatives of quantiles may be smooth, as in
+    `outputs.read_with_gradients`.
     """
 
     def __init__(
@@ -87,12 +75,12 @@ class PathRecord:
         solver: Factorization,
         *,
         shapes: Sequence[Variation | None],
-        wanted: frozenset[float] | None,
+        held: bool,
         enough: float,
         is_smooth: bool,
     ) -> None:
         self._mesh, self._problem, self._solver = mesh, problem, solver
-        self._shapes, self._wanted, self._enough = shapes, wanted, enough
+        self._shapes, self._held, self._enough = shapes, held, enough
         self._is_smooth = is_smooth
         self._angle = 0.0
         self.loads, self.readings = list[float](), list[Floats]()
@@ -100,71 +88,40 @@ class PathRecord:
 
     def visit(self, step: LoadStep) -> None:
         """Record a converged step."""
-        wanted = self._wanted is None or step.state.load in self._wanted
-        if step.factors is None or step.rate is None or not wanted:
+        if step.factors is None or step.rate is None:
             return
-        values, gradients = read_with_gradients(
-            self._mesh, step.state, previous_angle=self._angle, is_smooth=self._is_smooth
-        )
-        self._angle = float(values[0])
-        self.loads.append(step.state.load)
-        self.readings.append(values)
-        self.gradients.append(
-            derivatives(
+        if self._held:
+            share, held = self._mesh.share, tip_edge(self._mesh)
+            residual = self._problem.linearise(step.state, tangent=False).force
+            values = share * residual[held, 2].sum(keepdims=True)
+            gradients = share * reaction_derivatives(
+                self._problem,
+                self._solver,
+                state=step.state,
+                factors=step.factors,
+                held=held,
+                shapes=self._shapes,
+                enough=self._enough,
+            )
+        else:
+            values, by_position = read_with_gradients(
+                self._mesh, step.state, previous_angle=self._angle, is_smooth=self._is_smooth
+            )
+            self._angle = float(values[0])
+            gradients = derivatives(
                 self._problem,
                 self._solver,
                 state=step.state,
                 rate=step.rate,
                 factors=step.factors,
                 readings=values,
-                gradients=gradients,
+                gradients=by_position,
                 shapes=self._shapes,
                 enough=self._enough,
             )
-        )
-
-
-class ForceRecord:
-    """Records the force at the held tip and its derivatives while the solver holds the factors.
-
-    Parameters
-    ----------
-    mesh, problem, solver, shapes, enough
-        As in `PathRecord`.
-    """
-
-    def __init__(
-        self,
-        mesh: ActuatorMesh,
-        problem: Problem,
-        solver: Factorization,
-        *,
-        shapes: Sequence[Variation | None],
-        enough: float,
-    ) -> None:
-        self._share, self._held = mesh.share, tip_edge(mesh)
-        self._problem, self._solver = problem, solver
-        self._shapes, self._enough = shapes, enough
-        self.loads, self.readings = list[float](), list[Floats]()
-        self.gradients = list[Floats]()
-
-    def visit(self, step: LoadStep) -> None:
-        """Record a converged step."""
-        if step.factors is None:
-            return
-        residual = self._problem.linearise(step.state, tangent=False).force
         self.loads.append(step.state.load)
-        self.readings.append(self._share * residual[self._held, 2].sum(keepdims=True))
-        found = reaction_derivatives(
-            self._problem,
-            self._solver,
-            state=step.state,
-            factors=step.factors,
-            held=self._held,
-            shapes=self._shapes,
-            enough=self._enough,
-        )
-        self.gradients.append(self._share * found)
+        self.readings.append(values)
+        self.gradients.append(gradients)
 
 
 @dataclass(frozen=True)
@@ -286,6 +243,10 @@ class PathSamples:
     between: Floats = field(default_factory=lambda: np.empty((0, len(OUTPUTS))))
 
 
+Read = Callable[[ActuatorMesh, DiscreteEquations, Sequence[Point]], tuple[Floats, Floats]]
+"""From equilibria to readings and their rates along the path, each (n, n_outputs)."""
+
+
 class Actuator:
     """A meshed actuator that can be solved for any material.
 
@@ -333,14 +294,7 @@ class Actuator:
 
     def solve(self, curve: Curve, *, effort: PathEffort | None = None) -> CurveSolution:
         """Solve one pressure curve; failures are reported by the status, not raised."""
-        try:
-            mesh, problem = self.equations(curve)
-        except (GeometryError, ValueError):
-            return _empty(Status.INVALID_INPUT)
-        with self._lock:
-            solver = self._opened()
-            path = follow(problem, solver, loads=curve.loads, effort=effort)
-        return _read_path(mesh, path, solver.name)
+        return self._solved(curve, effort, _outputs_at)
 
     def tip_forces(self, curve: Curve, *, effort: PathEffort | None = None) -> CurveSolution:
         """Return the forces that hold the tip of the half model up against bending.
@@ -355,25 +309,19 @@ class Actuator:
         """
         if not self.held:
             raise ValueError("the tip of this actuator is not held")
+        return self._solved(curve, effort, _forces_at, outputs=1)
+
+    def _solved(
+        self, curve: Curve, effort: PathEffort | None, read: Read, outputs: int = len(OUTPUTS)
+    ) -> CurveSolution:
         try:
             mesh, problem = self.equations(curve)
         except (GeometryError, ValueError):
-            return _empty(Status.INVALID_INPUT, outputs=1)
+            return _empty(Status.INVALID_INPUT, outputs)
         with self._lock:
             solver = self._opened()
             path = follow(problem, solver, loads=curve.loads, effort=effort)
-        end = (path.status, path.limit_load, path.iterations)
-        if path.rest is None:
-            empty = _empty(path.status, outputs=1)
-            return replace(empty, limit_load=path.limit_load, iterations=path.iterations)
-        held, values, rates = tip_edge(mesh), list[float](), list[float]()
-        for point in (path.rest, *path.points):
-            residual = problem.linearise(point.state, tangent=False).force
-            ((change, _),) = problem.products(point.state, [point.rate])
-            values.append(float(residual[held, 2].sum()))
-            rates.append(float(change[held, 2].sum()))
-        found, by_load = (mesh.share * np.array(column)[:, None] for column in (values, rates))
-        return CurveSolution(found[1:], by_load[1:], found[0], by_load[0], *end, solver.name)
+        return _solution(path, solver.name, partial(read, mesh, problem), outputs)
 
     def solve_with_gradients(
         self, curve: Curve, *, effort: PathEffort | None = None
@@ -403,12 +351,16 @@ class Actuator:
         except (GeometryError, ValueError):
             return _empty(Status.INVALID_INPUT), _stacked([])
         with self._lock:
-            record = self._recorder(
-                problem, mesh, enough=exact.rate_tolerance, wanted=frozenset(curve.loads)
-            )
-            solver = self._opened()
-            path = follow(problem, solver, loads=curve.loads, effort=exact, visit=record.visit)
-        return _read_path(mesh, path, solver.name), _stacked(record.gradients)
+            record = self._recorder(problem, mesh, enough=exact.rate_tolerance)
+            solver, loads = self._opened(), frozenset(curve.loads)
+
+            def visit(step: LoadStep) -> None:
+                if step.state.load in loads:
+                    record.visit(step)
+
+            path = follow(problem, solver, loads=curve.loads, effort=exact, visit=visit)
+        solution = _solution(path, solver.name, partial(_outputs_at, mesh, problem))
+        return solution, _stacked(record.gradients)
 
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives at its equilibria.
@@ -438,7 +390,9 @@ class Actuator:
                 record.visit(step)
 
             path = follow(equations, solver, loads=curve.loads, effort=effort, visit=visit)
-        between = () if self.held else _readings(mesh, path.points, has_rates=False)
+        between = np.empty((0, outputs))
+        if not self.held:
+            between, _ = _outputs_at(mesh, problem, path.points, has_rates=False)
         return PathSamples(
             np.array(record.loads),
             np.array(record.readings).reshape(-1, outputs),
@@ -447,27 +401,18 @@ class Actuator:
             path.limit_load,
             path.iterations,
             solver.name,
-            np.array([one.values for one in between]).reshape(-1, outputs),
+            between,
         )
 
     def _recorder(
-        self,
-        problem: Problem,
-        mesh: ActuatorMesh,
-        *,
-        enough: float,
-        wanted: frozenset[float] | None = None,
-        is_smooth: bool = False,
-    ) -> PathRecord | ForceRecord:
-        shapes = variations(self.mesh, self.system, problem.material, problem.layer)
-        if self.held:
-            return ForceRecord(mesh, problem, self._opened(), shapes=shapes, enough=enough)
+        self, problem: Problem, mesh: ActuatorMesh, *, enough: float, is_smooth: bool = False
+    ) -> PathRecord:
         return PathRecord(
             mesh,
             problem,
             self._opened(),
-            shapes=shapes,
-            wanted=wanted,
+            shapes=variations(self.mesh, self.system, problem.material, problem.layer),
+            held=self.held,
             enough=enough,
             is_smooth=is_smooth,
         )
@@ -531,7 +476,7 @@ def check_inputs(curve: Curve) -> None:
         raise ValueError("; ".join(wrong))
 
 
-def _empty(status: Status, *, outputs: int = len(OUTPUTS)) -> CurveSolution:
+def _empty(status: Status, outputs: int = len(OUTPUTS)) -> CurveSolution:
     none, missing = np.empty((0, outputs)), np.full(outputs, np.nan)
     return CurveSolution(none, none, missing, missing, status, 0.0, 0, "")
 
@@ -540,32 +485,44 @@ def _stacked(gradients: Sequence[Floats], outputs: int = len(OUTPUTS)) -> Floats
     return np.array(gradients).reshape(-1, outputs, len(INPUTS))
 
 
-def _readings(
-    mesh: ActuatorMesh, points: Sequence[Point], *, has_rates: bool = True
-) -> list[Reading]:
-    """Return readings along a path; rates are zero if not wanted."""
+def _outputs_at(
+    mesh: ActuatorMesh, _: DiscreteEquations, points: Sequence[Point], *, has_rates: bool = True
+) -> tuple[Floats, Floats]:
+    """Return all outputs along a path, and their rates, which are zero if not wanted."""
     angle, found = 0.0, list[Reading]()
     for point in points:
         rate = point.rate if has_rates else None
         found.append(read_state(mesh, point.state, rate=rate, previous_angle=angle))
         angle = found[-1].bend_angle
-    return found
+    values = np.array([one.values for one in found]).reshape(-1, len(OUTPUTS))
+    return values, np.array([one.rates for one in found]).reshape(-1, len(OUTPUTS))
 
 
-def _read_path(mesh: ActuatorMesh, path: Path, solver: str) -> CurveSolution:
+def _forces_at(
+    mesh: ActuatorMesh, problem: DiscreteEquations, points: Sequence[Point]
+) -> tuple[Floats, Floats]:
+    """Return the force at the held tip along a path, and its rate."""
+    held, values, rates = tip_edge(mesh), list[float](), list[float]()
+    for point in points:
+        residual = problem.linearise(point.state, tangent=False).force
+        ((change, _),) = problem.products(point.state, [point.rate])
+        values.append(float(residual[held, 2].sum()))
+        rates.append(float(change[held, 2].sum()))
+    return mesh.share * np.array(values)[:, None], mesh.share * np.array(rates)[:, None]
+
+
+def _solution(
+    path: Path,
+    solver: str,
+    read: Callable[[Sequence[Point]], tuple[Floats, Floats]],
+    outputs: int = len(OUTPUTS),
+) -> CurveSolution:
     if path.rest is None:
-        return replace(_empty(path.status), limit_load=path.limit_load, iterations=path.iterations)
-    rest, *loaded = _readings(mesh, (path.rest, *path.points))
-    return CurveSolution(
-        np.array([one.values for one in loaded]).reshape(-1, len(OUTPUTS)),
-        np.array([one.rates for one in loaded]).reshape(-1, len(OUTPUTS)),
-        rest.values,
-        rest.rates,
-        path.status,
-        path.limit_load,
-        path.iterations,
-        solver,
-    )
+        empty = _empty(path.status, outputs)
+        return replace(empty, limit_load=path.limit_load, iterations=path.iterations)
+    values, rates = read((path.rest, *path.points))
+    end = (path.status, path.limit_load, path.iterations)
+    return CurveSolution(values[1:], rates[1:], values[0], rates[0], *end, solver)
 
 
 # of a campaign: paths beyond this many factorizations are not suitable for training
@@ -637,51 +594,27 @@ class ExactMap:
             further=further,
         )
 
-    def cavity_volume(self, inputs: Inputs) -> Floats:
-        """Return the increase of the whole actuator's cavity volume over zero pressure [ml].
-
-        Over the reference pressure instead, if there is one; nan where the curve was not reached.
-        """
-        if inputs.reference_pressure is not None:
-            plain = replace(inputs, reference_pressure=None)
-            zero = replace(plain, pressure=inputs.reference_pressure)
-            return self.cavity_volume(plain) - self.cavity_volume(zero)
-        volume: Floats = self._answers(inputs)[5]
-        return volume
-
     def tip_force(self, inputs: Inputs) -> Further:
         """Return the force that holds the tip of the whole actuator in the bending direction [N].
 
-        The lower edge of its free end rests on a load cell; the force is relative to the reference
-        pressure, or to zero pressure. It is nan where the curve was not reached.
+        The lower edge of its free end rests on a load cell; the force is relative to zero pressure,
+        and nan where the curve was not reached.
         """
-        if inputs.reference_pressure is not None:
-            plain = replace(inputs, reference_pressure=None)
-            at, zero = (
-                self.tip_force(one)
-                for one in (plain, replace(plain, pressure=inputs.reference_pressure))
-            )
-            return Further(at.value - zero.value, at.slope - zero.slope, at.sd)
         value, slope = self._answers(inputs, held=True)
         return Further(value, slope, np.zeros(value.shape))
 
     def _answers(self, inputs: Inputs, *, held: bool = False) -> Floats:
         """Solve every curve; return that of `_place`, (7 + n_measures, …), or `_place_force`."""
-        load, *_ = dimensionless(inputs)
-        groups = material_groups(inputs)
-        given = (*groups.values(), *(inputs.dimensions or {}).values())
+        load, groups, dimensions = load_of(inputs), material_groups(inputs), inputs.dimensions or {}
+        given = (*groups.values(), *dimensions.values())
         shape = np.broadcast_shapes(load.shape, *map(np.shape, given))
-        load = np.broadcast_to(load, shape).reshape(-1, shape[-1])
-        rows = {
-            name: np.broadcast_to(group, shape).reshape(-1, shape[-1])
-            for name, group in groups.items()
-        }
-        sizes = {
-            name: np.broadcast_to(size, shape).reshape(-1, shape[-1])
-            for name, size in (inputs.dimensions or {}).items()
-        }
-        scale = np.broadcast_to(inputs.linear_scale, shape).reshape(-1, shape[-1])
-        c1 = np.broadcast_to(inputs.c1, shape).reshape(-1, shape[-1])
+
+        def flat(values: Floats) -> Floats:
+            return np.broadcast_to(values, shape).reshape(-1, shape[-1])
+
+        load, scale, c1 = flat(load), flat(inputs.linear_scale), flat(inputs.c1)
+        rows = {name: flat(group) for name, group in groups.items()}
+        sizes = {name: flat(size) for name, size in dimensions.items()}
         # a layer has its own constants, of which only ratios to C1 matter
         constraint = self.geometry.constraint
         apart = rows | sizes | ({"c1": c1} if constraint.is_slab else {})

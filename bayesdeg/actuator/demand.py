@@ -7,8 +7,7 @@ this material. Each is converted to an equally demanding strain of uniaxial tens
 - ``cauchy_stress``: the stretch of uniaxial tension with the largest Cauchy stress of such walls;
 - ``strain_energy``: the stretch of uniaxial tension with their energy;
 - ``weakest_link``: Weibull's strain (1/V ∫ ε^m dV)^(1/m), ε = λ − 1: the uniform strain at which
-the
-  volume breaks as often, with independent strengths from point to point.
+  the volume breaks as often, with independent strengths from point to point.
 """
 
 from dataclasses import replace
@@ -105,7 +104,13 @@ def demanded_strain(inputs: Inputs, strains: Floats) -> Floats:
     if inputs.criterion == "strain_energy":
         return np.asarray(strains[0])
     if inputs.criterion == "cauchy_stress":
-        return _same_stress(inputs, 1.0 + strains[0], 1.0 + strains[1])
+        # the stress 2 W'(Ī₁) (λ₁² − λ₃²) in uniaxial tension
+        energy, difference = 1.0 + strains[0], 1.0 + strains[1]
+        law = Yeoh(inputs.c1, inputs.c2, inputs.c3)
+        excess = np.maximum(energy**2 - 1.0 / energy, _SMALLEST)
+        ratio = (difference**2 - 1.0 / difference) / excess
+        stress = ratio * largest_cauchy_stress(law, wall_state(energy, -0.5))
+        return uniaxial_stretch(law, stress, start=difference) - 1.0
     if inputs.weibull_modulus is None:
         raise ValueError("the criterion 'weakest_link' needs the inputs' weibull_modulus")
     weights = np.moveaxis(modulus_weights(inputs.weibull_modulus), -1, 0)
@@ -155,12 +160,3 @@ def demanded(
         peak_stretch=1.0 + size * (found.peak_stretch - 1.0),
         peak_stretch_sd=size * found.peak_stretch_sd,
     )
-
-
-def _same_stress(inputs: Inputs, energy: Floats, difference: Floats) -> Floats:
-    """Return the strain with stress 2 W'(Ī₁) (λ₁² − λ₃²) in uniaxial tension."""
-    law = Yeoh(inputs.c1, inputs.c2, inputs.c3)
-    ratio = (difference**2 - 1.0 / difference) / np.maximum(energy**2 - 1.0 / energy, _SMALLEST)
-    stress = ratio * largest_cauchy_stress(law, wall_state(energy, -0.5))
-    found: Floats = uniaxial_stretch(law, stress, start=difference) - 1.0
-    return found

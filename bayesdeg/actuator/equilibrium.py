@@ -2,18 +2,14 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.linear import (
-    Factorization,
-    Indefinite,
-    LostDefinitenessError,
-    open_indefinite,
-)
+from bayesdeg.actuator.linear import Factorization, LostDefinitenessError, open_factorization
 from bayesdeg.actuator.material import is_elliptic
 from bayesdeg.actuator.problem import DiscreteEquations, Linearisation, MechanicalState, Point
 from bayesdeg.actuator.status import PathEffort, Status
@@ -65,7 +61,7 @@ def find_equilibrium(
             solver.factorize(now.tangent)
         except LostDefinitenessError:
             return LoadStep(state, None, None, count)
-        pushed = problem.on_free(problem.cavity_gradient(state))
+        pushed = problem.system.on_free(problem.cavity_gradient(state))
         solution = solver.solve(np.column_stack([-now.residual, pushed]))
         increment, velocity = (problem.system.expand(column) for column in solution.T)
         largest = float(np.max(np.abs(increment)))
@@ -153,20 +149,7 @@ def hermite(points: Sequence[Point], load: float) -> Point:
     Σ (1 − 2 (t − tₖ) Lₖ'(tₖ)) Lₖ²(t) uₖ + (t − tₖ) Lₖ²(t) u̇ₖ with the Lagrange polynomials Lₖ.
     """
     at = np.array([point.state.load for point in points])
-    value, slope = _hermite_factors(at, load)
-    fields = []
-    for factors in (value, slope):
-        u, p = np.zeros_like(points[0].state.displacement), np.zeros_like(points[0].state.pressure)
-        for (on_state, on_rate), point in zip(factors, points, strict=True):
-            u += on_state * point.state.displacement + on_rate * point.rate.displacement
-            p += on_state * point.state.pressure + on_rate * point.rate.pressure
-        fields.append((u, p))
-    (u, p), (du, dp) = fields
-    return Point(MechanicalState(u, p, load), MechanicalState(du, dp, 1.0))
-
-
-def _hermite_factors(at: Floats, load: float) -> tuple[Floats, Floats]:
-    """Return factors of values and derivatives, (n, 2), for the value and for the slope."""
+    # factors of states and of tangents, for the polynomial and for its derivative
     value, slope = np.empty((len(at), 2)), np.empty((len(at), 2))
     for k, place in enumerate(at):
         others = np.delete(at, k)
@@ -182,7 +165,15 @@ def _hermite_factors(at: Floats, load: float) -> tuple[Floats, Floats]:
             -2.0 * here * lagrange**2 + (1.0 - 2.0 * t * here) * double,
             lagrange**2 + t * double,
         )
-    return value, slope
+    fields = []
+    for factors in (value, slope):
+        u, p = np.zeros_like(points[0].state.displacement), np.zeros_like(points[0].state.pressure)
+        for (on_state, on_rate), point in zip(factors, points, strict=True):
+            u += on_state * point.state.displacement + on_rate * point.rate.displacement
+            p += on_state * point.state.pressure + on_rate * point.rate.pressure
+        fields.append((u, p))
+    (u, p), (du, dp) = fields
+    return Point(MechanicalState(u, p, load), MechanicalState(du, dp, 1.0))
 
 
 @dataclass(frozen=True)
@@ -312,94 +303,77 @@ def locate_limit(
     sign the actuator balloons. If the tangent becomes indefinite while the pressure still rises,
     the shape buckles instead.
 
-    Parameters
-    ----------
-    problem : DiscreteEquations
-        The problem of the path.
-    points : sequence of Point
-        The path as followed under pressure control.
-    effort : PathEffort
-        Tolerances and bounds.
-    highest : float
-        Largest load of interest [–]; the search ends at twice that.
-    solver : str, optional
-        Name of the direct solver; by default the best available.
-    deadline : float
-        Time of ``time.monotonic`` at which the search is given up [s].
+    The search ends at twice the ``highest`` load of interest [–], or at ``deadline``, a time of
+    ``time.monotonic`` [s].
     """
-    opened = open_indefinite(problem.system.upper, solver)
-    search = _Search(problem, opened, effort)
-    try:
-        return search.run(points, highest, deadline)
-    finally:
-        opened.close()
-
-
-class _Search:
-    def __init__(self, problem: DiscreteEquations, solver: Indefinite, effort: PathEffort) -> None:
-        self.problem, self.solver, self.effort = problem, solver, effort
-        self.size = float(np.ptp(problem.system.body.nodes, axis=0).max())
-        self.spent = 0
-
-    def run(self, points: Sequence[Point], highest: float, deadline: float) -> Limit:
-        last = points[-1]
-        here = self._settle(last.state, self.problem.cavity_volume(last.state))
+    last = points[-1]
+    with closing(open_factorization(problem.system.upper, solver, is_definite=False)) as opened:
+        start = problem.cavity_volume(last.state)
+        here, spent = _settle(problem, opened, last.state, start, effort)
         if here is None:
-            return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
-        back = points[-2].state if len(points) > 1 else self.problem.system.rest()
-        swept = here.volume - self.problem.cavity_volume(back)
+            return Limit(Status.EFFORT_EXHAUSTED, np.inf, spent)
+        back = points[-2].state if len(points) > 1 else problem.system.rest()
+        swept = here.volume - problem.cavity_volume(back)
         step = 0.5 * max(swept, 1e-3 * abs(here.volume))
         for _ in range(STEPS):
             if time.monotonic() > deadline:
-                return Limit(Status.TIMED_OUT, np.inf, self.spent)
+                return Limit(Status.TIMED_OUT, np.inf, spent)
             if here.negative > 0 and here.load_rate > 0.0:
-                return Limit(Status.BUCKLED, here.state.load, self.spent)
-            if here.state.load > 2.0 * highest or self.spent > self.effort.total:
+                return Limit(Status.BUCKLED, here.state.load, spent)
+            if here.state.load > 2.0 * highest or spent > effort.total:
                 break
             d = here.direction
             ahead = here.state.moved(
                 step * d.displacement, step * d.pressure, step * here.load_rate
             )
-            there = self._settle(ahead, here.volume + step)
+            there, count = _settle(problem, opened, ahead, here.volume + step, effort)
+            spent += count
             if there is None:
                 step *= 0.5
                 continue
             if there.load_rate <= 0.0:
                 top, width = _top(here, there)
                 if width < WIDEST:
-                    return Limit(Status.LIMIT_POINT, top, self.spent)
+                    return Limit(Status.LIMIT_POINT, top, spent)
                 step *= 0.5
                 continue
             here, step = there, 1.5 * step
-        return Limit(Status.EFFORT_EXHAUSTED, np.inf, self.spent)
+    return Limit(Status.EFFORT_EXHAUSTED, np.inf, spent)
 
-    def _settle(self, guess: MechanicalState, volume: float) -> _Place | None:
-        """Newton's method with the load as an unknown and the volume given."""
-        state, problem = guess, self.problem
-        for _ in range(ITERATIONS):
-            lin = problem.linearise(state)
-            if not lin.smallest_jacobian > 0.0:
-                return None
-            self.spent += 1
-            try:
-                negative = self.solver.factorize(lin.tangent)
-            except LostDefinitenessError:
-                return None
-            gradient = problem.on_free(problem.cavity_gradient(state))
-            a, b = self.solver.solve(np.column_stack([-lin.residual, gradient])).T
-            compliance = float(gradient @ b)
-            change = (volume - lin.cavity_volume - float(gradient @ a)) / compliance
-            increment = problem.system.expand(a + change * b)
-            largest = float(np.max(np.abs(increment)))
-            if not largest < LARGEST_STEP * self.size:
-                return None
-            pressure = problem.pressure_increment(lin, increment, lin.volume_residual)
-            state = state.moved(increment, pressure, change)
-            if largest < self.effort.tolerance * self.size:
-                along = problem.system.expand(b / compliance)
-                direction = MechanicalState(along, problem.pressure_increment(lin, along), 1.0)
-                return _Place(state, volume, 1.0 / compliance, direction, negative)
-        return None
+
+def _settle(
+    problem: DiscreteEquations,
+    solver: Factorization,
+    guess: MechanicalState,
+    volume: float,
+    effort: PathEffort,
+) -> tuple[_Place | None, int]:
+    """Find the equilibrium of a given volume by Newton's method; count the factorizations."""
+    state, size, spent = guess, float(np.ptp(problem.system.body.nodes, axis=0).max()), 0
+    for _ in range(ITERATIONS):
+        lin = problem.linearise(state)
+        if not lin.smallest_jacobian > 0.0:
+            break
+        spent += 1
+        try:
+            negative = solver.factorize(lin.tangent)
+        except LostDefinitenessError:
+            break
+        gradient = problem.system.on_free(problem.cavity_gradient(state))
+        a, b = solver.solve(np.column_stack([-lin.residual, gradient])).T
+        compliance = float(gradient @ b)
+        change = (volume - lin.cavity_volume - float(gradient @ a)) / compliance
+        increment = problem.system.expand(a + change * b)
+        largest = float(np.max(np.abs(increment)))
+        if not largest < LARGEST_STEP * size:
+            break
+        pressure = problem.pressure_increment(lin, increment, lin.volume_residual)
+        state = state.moved(increment, pressure, change)
+        if largest < effort.tolerance * size:
+            along = problem.system.expand(b / compliance)
+            direction = MechanicalState(along, problem.pressure_increment(lin, along), 1.0)
+            return _Place(state, volume, 1.0 / compliance, direction, negative), spent
+    return None, spent
 
 
 def _top(here: _Place, there: _Place) -> tuple[float, float]:
@@ -468,23 +442,9 @@ def follow(
     inverts an element or does not converge is retried with a guess by the last tangent alone, or
     halved; when it cannot be halved further, the limit point is searched.
 
-    Parameters
-    ----------
-    problem : DiscreteEquations
-        Body, material and dead loads.
-    solver : Factorization
-        Direct solver opened on ``problem.system.upper``.
-    loads : sequence of float
-        Pressure over C1, increasing, above 0 [–].
-    effort : PathEffort, optional
-        Tolerances and bounds.
-    visit : callable, optional
-        Called with each converged step while the solver holds its factors, rest first.
-
-    Returns
-    -------
-    Path
-        Never raises for a physical reason: check ``status``.
+    ``loads`` are the pressures over C1, increasing, above 0 [–]; ``visit`` is called with each
+    converged step while the solver holds its factors, rest first. Nothing is raised for a physical
+    reason: check the path's status.
     """
     effort = effort or PathEffort()
     if not is_elliptic(problem.material):

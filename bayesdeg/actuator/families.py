@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.moulded import Box, Moulded, Planes, constraint_record, order_is_kept
+from bayesdeg.actuator.moulded import Box, Moulded, Planes, order_is_kept
 from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint, Kind, MeshDimensions, Mould
@@ -21,17 +21,12 @@ from bayesdeg.errors import GeometryError
 
 
 @dataclass(frozen=True)
-class PartGeometry:
+class PartGeometry(Moulded):
     """A meshed part as moulded: it has a single mesh at any requested resolution.
 
-    Parameters
-    ----------
-    dimensions : MeshDimensions
-        As read.
-    wall_factor, erosion : float
-        Must be neutral, since its walls are unknown.
-    constraint : Constraint
-        The layer on the boundary named constraint.
+    Its walls are unknown, so wall factor and erosion must be neutral. Its layer, which cannot be an
+    elastomer, is on the boundary named constraint. Its air is not boxes, and its outline is that of
+    the mesh.
 
     Raises
     ------
@@ -43,12 +38,9 @@ class PartGeometry:
     wall_factor: float = 1.0
     erosion: float = 0.0
     constraint: Constraint = field(default_factory=Constraint)
-    # its air is not boxes, and its outline is that of the mesh; an elastomer layer is not meshed
     cavities: ClassVar[tuple[Box, ...]] = ()
     voids: ClassVar[tuple[Box, ...]] = ()
-    exposed: ClassVar[tuple[Box, ...]] = ()
     slab: ClassVar[tuple[Box, ...]] = ()
-    rounded: ClassVar[None] = None
     is_boxes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -95,10 +87,9 @@ class PartGeometry:
 
     def record(self) -> dict[str, object]:
         """Return all that a solution depends on: the mesh by its content, not its path."""
-        layer = constraint_record(self.constraint, self.dimensions)
         sizes = asdict(self.dimensions)
         del sizes["path"], sizes["file"], sizes["mesh_error"], sizes["cells"]
-        return {"kind": "mesh", "dimensions": sizes, "constraint": layer}
+        return {"kind": "mesh", "dimensions": sizes, "constraint": self.constraint_record}
 
 
 GEOMETRIES: Mapping[Kind, Callable[..., Moulded]] = {
@@ -194,12 +185,7 @@ def is_movable(geometry: Moulded, other: Moulded) -> bool:
     (True, False)
     """
     alike = [len(a) == len(b) for a, b in zip(geometry.planes(), other.planes(), strict=True)]
-
-    def faces(one: Moulded) -> tuple[Box, ...]:
-        plane: Box = ((0.0, 0.0), (0.0, 0.0), (one.line_height, one.line_height))
-        return (one.outer, plane, *one.slab, *one.cavities, *one.voids)
-
-    return all(alike) and order_is_kept(faces(geometry), faces(other))
+    return all(alike) and order_is_kept(geometry.faces, other.faces)
 
 
 def geometry_of_record(record: Mapping[str, Any]) -> Moulded:

@@ -2,90 +2,46 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.moulded import (
-    Box,
-    Planes,
-    bottom_is_exposed,
-    change_problems,
-    constraint_record,
-    line_height,
-    planes_of,
-    slab_of,
-    volume_without,
-)
+from bayesdeg.actuator.moulded import Box, Moulded
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions, relative_size
-from bayesdeg.errors import GeometryError
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """The half pneunet as moulded, cut at its plane of symmetry y = 0.
+class Geometry(Moulded):
+    """The half pneunet as moulded.
 
-    x runs along the actuator from the clamped end, y across from the plane of symmetry, z up
-    from the paper.
-
-    Parameters
-    ----------
-    dimensions : Dimensions
-        As moulded [mm].
-    wall_factor : float
-        Thickness of roof and walls over the nominal one; the outer faces do not move [–].
-    erosion : float
-        Thickness lost from every face exposed to the soil: all outer faces and slots except the
-        bottom, where paper covers it, and the clamped end [mm].
-    constraint : Constraint
-        The inextensible layer; by default the paper on the bottom.
-
-    Raises
-    ------
-    GeometryError
-        If no actuator can have these dimensions; the message lists every reason.
+    Its roof and walls have the wall factor; the slots between chambers are exposed to the soil.
 
     Examples
     --------
     >>> from bayesdeg.data.settings import Dimensions
-    >>> round(Geometry(Dimensions()).chamber_length, 3)
-    4.8
+    >>> round(Geometry(Dimensions()).chamber_length, 3), round(Geometry(Dimensions()).volume, 6)
+    (4.8, 3636.0)
     """
 
     dimensions: Dimensions
     wall_factor: float = 1.0
     erosion: float = 0.0
     constraint: Constraint = field(default_factory=Constraint)
-    rounded: ClassVar[None] = None
-    is_boxes: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        """Refuse impossible dimensions."""
-        problems = (
-            self.dimensions.problems()
-            or self.constraint.problems(self.dimensions)
-            or self._changed_problems()
-        )
-        if problems:
-            raise GeometryError("; ".join(problems))
-
-    def _changed_problems(self) -> tuple[str, ...]:
+    def change_problems(self) -> tuple[str, ...]:
+        """Say why walls cannot be changed by this factor and erosion; empty if they can."""
         d, w, e = self.dimensions, self.wall_factor, self.erosion
-        if wrong_change := change_problems(w, e):
-            return wrong_change
         walls = {"roof": d.roof, "side_wall": d.side_wall, "end_wall": d.end_wall}
         if self.slot_spans:
             walls |= {"chamber_wall": d.chamber_wall, "channel_roof": d.channel_roof / w}
-        if self.bottom > 0.0:
+        bottom = self.outer[2][0]
+        if bottom > 0.0:
             walls |= {"floor": d.floor / w}
-            walls |= (
-                {"height of the constraint": self.line_height / w}
-                if self.constraint.is_there
-                else {}
-            )
+            if self.constraint.is_there:
+                walls |= {"height of the constraint": self.line_height / w}
         wrong = [
             f"{name} of {thickness:g} mm vanishes at a wall factor of {w:g} and {e:g} mm erosion"
             for name, thickness in walls.items()
@@ -108,36 +64,6 @@ class Geometry:
         over = 1.0 if same_top and w == 1.0 else top - d.floor - d.channel_height
         beside = 1.0 if same_side and w == 1.0 else half - d.channel_width / 2
         return along, over, beside
-
-    @property
-    def length(self) -> float:
-        """Remaining length [mm]."""
-        return self.dimensions.length - self.erosion
-
-    @property
-    def half_width(self) -> float:
-        """Half the remaining width [mm]."""
-        return self.dimensions.width / 2 - self.erosion
-
-    @property
-    def height(self) -> float:
-        """Remaining height [mm]."""
-        return self.dimensions.height - self.erosion
-
-    @property
-    def line_height(self) -> float:
-        """Height of the constraint's plane, along whose middle the curvature is read [mm]."""
-        return line_height(self.constraint, self.dimensions, self.erosion)
-
-    @property
-    def bottom(self) -> float:
-        """Height of the remaining bottom [mm]."""
-        return self.erosion if bottom_is_exposed(self.constraint, self.dimensions) else 0.0
-
-    @property
-    def outer(self) -> Box:
-        """Remaining block after erosion [mm]."""
-        return (0.0, self.length), (0.0, self.half_width), (self.bottom, self.height)
 
     @property
     def chamber_length(self) -> float:
@@ -195,45 +121,19 @@ class Geometry:
         return (*chambers, channel)
 
     @property
-    def slots(self) -> tuple[Box, ...]:
-        """Boxes cut out from the top between neighbouring chambers [mm]."""
-        across, upward = (0.0, self.half_width), (self.slot_bottom, self.height)
-        return tuple((span, across, upward) for span in self.slot_spans)
-
-    @property
     def voids(self) -> tuple[Box, ...]:
-        """The slots: air that is not under pressure [mm]."""
-        return self.slots
+        """The slots, cut out from the top between neighbouring chambers [mm]."""
+        _, across, (_, top) = self.outer
+        return tuple((span, across, (self.slot_bottom, top)) for span in self.slot_spans)
 
     @property
     def exposed(self) -> tuple[Box, ...]:
         """The slots, which are open to the outside [mm]."""
-        return self.slots
-
-    @property
-    def slab(self) -> tuple[Box, ...]:
-        """The box of a constraint layer of elastomer, if it is one [mm]."""
-        return slab_of(self.constraint, self.dimensions, self.outer)
-
-    @property
-    def volume(self) -> float:
-        """Volume of the gel of the whole actuator [mm³].
-
-        Examples
-        --------
-        >>> from bayesdeg.data.settings import Dimensions
-        >>> round(Geometry(Dimensions()).volume, 6)
-        3636.0
-        """
-        return 2.0 * volume_without(self.planes(), (*self.cavities, *self.slots))
+        return self.voids
 
     def mesh_like(self, usual: Resolution) -> Resolution:
         """Return a mesh resolution scaled from the default pneunet."""
         return usual.scaled(relative_size(self.dimensions))
-
-    def planes(self) -> Planes:
-        """Return the coordinates of all planes along x, y and z between bricks [mm]."""
-        return planes_of(self.outer, (*self.slab, *self.cavities, *self.slots), self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the actuator with thicker or thinner walls and faces eroded [–, mm]."""
@@ -246,6 +146,4 @@ class Geometry:
         """
         named = asdict(self)
         del named["constraint"]
-        if not bottom_is_exposed(self.constraint, self.dimensions):
-            return named
-        return named | {"constraint": constraint_record(self.constraint, self.dimensions)}
+        return named | ({"constraint": self.constraint_record} if self.bottom_is_exposed else {})

@@ -163,23 +163,6 @@ def continuation(forward: ForwardMap) -> ForwardMap:
     return beyond
 
 
-def dimensionless(inputs: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return p/C1, C2/C1, C3/C1 and Et/(C1 s) [mm]: all that the curvature times s depends on.
-
-    All are nan where C1 is not above 0, as ratios hide its sign.
-
-    Examples
-    --------
-    >>> one = np.ones(1)
-    >>> inputs = Inputs(240 * one, 0.3 * one, 0 * one, 0 * one, 0.8 * one, 3e4 * one)
-    >>> [float(group[0]) for group in dimensionless(inputs)]
-    [0.8, 0.0, 0.0, 125.0]
-    """
-    c1 = np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
-    paper = inputs.paper_stiffness * 1e-3 / (c1 * inputs.linear_scale)
-    return load_of(inputs), inputs.c2 / c1, inputs.c3 / c1, paper
-
-
 def load_of(inputs: Inputs) -> Floats:
     """Return p/C1 [–]; nan where C1 is not above 0.
 
@@ -191,6 +174,13 @@ def load_of(inputs: Inputs) -> Floats:
     """
     load: Floats = inputs.pressure * 1e-3 / np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
     return load
+
+
+def paper_group_of(inputs: Inputs) -> Floats:
+    """Return Et/(C1 s) [mm]; nan where C1 is not above 0, as a ratio hides its sign."""
+    c1 = np.where(inputs.c1 > 0.0, inputs.c1, np.nan)
+    group: Floats = inputs.paper_stiffness * 1e-3 / (c1 * inputs.linear_scale)
+    return group
 
 
 def material_groups(inputs: Inputs) -> dict[str, Floats]:
@@ -209,7 +199,7 @@ def material_groups(inputs: Inputs) -> dict[str, Floats]:
     groups = {
         "c2_ratio": inputs.c2 / c1,
         "c3_ratio": inputs.c3 / c1,
-        "paper_group": inputs.paper_stiffness * 1e-3 / (c1 * inputs.linear_scale),
+        "paper_group": paper_group_of(inputs),
         "paper_thickness": thickness / scale,
     }
     weight = 1e-6 * scale / c1  # kN/m³ to MPa/mm

@@ -96,123 +96,29 @@ def measure_bend(points: npt.ArrayLike, *, end_points: int | None = None) -> Ben
     steps = np.diff(row, axis=0)
     chords = np.hypot(steps[:, 0], steps[:, 1])
     directions = np.unwrap(np.arctan2(-steps[:, 1], steps[:, 0]))
+    wanted = -(-len(row) // 3) if end_points is None else end_points
+    count = min(len(row), max(3, wanted))
+    first, last = slice(0, count - 1), slice(len(chords) - count + 1, None)
     bend = Bend(0.0, float(chords.sum()))
     # the arc lengths need the curvature, which needs the arc lengths: a rapid contraction
     for _ in range(100):
-        arcs = _arcs(chords, bend.angle / bend.arc_length)
-        weights = _angle_weights(arcs, chords, _end_count(len(row), end_points))
+        half_angles = np.arcsin(np.clip(abs(bend.angle / bend.arc_length) * chords / 2.0, 0.0, 1.0))
+        flat = half_angles < 1e-9
+        arcs = np.where(
+            flat, chords, chords * half_angles / np.where(flat, 1.0, np.sin(half_angles))
+        )
+        # the weighted sum of the directions is the bend angle
+        ends = np.concatenate([[0.0], np.cumsum(arcs)])
+        middles = (ends[:-1] + ends[1:]) / 2.0
+        weights = np.zeros(len(arcs))
+        weights[last] += _tangent_weights(middles[last] - ends[-1], chords[last])
+        weights[first] -= _tangent_weights(middles[first], chords[first])
         improved = Bend(float(weights @ directions), float(arcs.sum()))
         settled = abs(improved.angle - bend.angle) <= 1e-14 * (1.0 + abs(bend.angle))
         if settled and abs(improved.arc_length - bend.arc_length) <= 1e-14 * bend.arc_length:
             return improved
         bend = improved
     return bend
-
-
-def curvature_standard_error(
-    points_count: int, arc_length: float, noise_sd: float, *, end_points: int | None = None
-) -> float:
-    r"""Compute the standard error of `measure_bend`'s curvature from the noise of the points.
-
-    The bend angle is a weighted sum of the directions of chords, :math:`\sum_i a_i \phi_i`, and to
-    first order :math:`\phi_i = (e_{i+1} - e_i)/c` with e the noise across the row, so
-
-    .. math::
-        \sigma_\kappa = \frac{\sigma}{c L}
-        \sqrt{\sum_{j} (a_{j-1} - a_j)^2}, \quad a_{-1} = a_{n-1} = 0
-
-    for n evenly spaced points. Noise along the row changes L by a share of σ/L only and is left
-    out.
-
-    Parameters
-    ----------
-    points_count : int
-        n, at least 3.
-    arc_length : float
-        L [mm].
-    noise_sd : float
-        Standard deviation σ of each coordinate of a point [mm].
-    end_points : int, optional
-        As in `measure_bend`.
-
-    Returns
-    -------
-    float
-        [1/m]
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than three points.
-
-    Examples
-    --------
-    Three points fix κ = (z_0 − 2 z_1 + z_2)/c² up to sign, whose error is σ √6/c²:
-
-    >>> round(curvature_standard_error(3, 50.0, 0.1), 9)
-    0.391918359
-    >>> round(0.1 * 6**0.5 / 25.0**2 * 1000, 9)
-    0.391918359
-    """
-    if points_count < 3:
-        raise ValueError("a row needs at least 3 points")
-    chords = np.full(points_count - 1, arc_length / (points_count - 1))
-    weights = _angle_weights(chords, chords, _end_count(points_count, end_points))
-    across = np.diff(weights / chords, prepend=0.0, append=0.0)
-    return MILLIMETRES_PER_METRE * noise_sd / arc_length * float(np.linalg.norm(across))
-
-
-def spline_curvature(points: npt.ArrayLike, *, noise_sd: float = 0.0) -> float:
-    r"""Compute the mean curvature along a smoothing spline through the points.
-
-    .. math:: \bar\kappa = \frac{1}{L} \int \frac{x'' z' - x' z''}{(x'^2 + z'^2)^{3/2}} ds
-
-    The Kappa plugin for Fiji (doi:10.1101/852772) averages differently, see `kappa_bend`.
-
-    Parameters
-    ----------
-    points : array_like, shape (n, 2)
-        (x, z) from the clamped to the free end, n at least 4 [mm].
-    noise_sd : float
-        Standard deviation of each coordinate, which sets the smoothing: the spline is as smooth
-        as a sum of squared residuals of n σ² allows; 0 interpolates [mm].
-
-    Returns
-    -------
-    float
-        [1/m]; on a circular arc exact up to the third power of the spacing.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than four points, two neighbours coincide, or a value is not finite.
-
-    Examples
-    --------
-    >>> s = np.linspace(0.0, np.pi / 2, 20)
-    >>> row = np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100])
-    >>> round(spline_curvature(row), 2)
-    10.0
-    """
-    turned, length = _along_spline(_checked(points), noise_sd)
-    return MILLIMETRES_PER_METRE * turned / length
-
-
-def _along_spline(row: Floats, noise_sd: float) -> tuple[float, float]:
-    """Return the turning and the length of a smoothing spline."""
-    if len(row) < 4:
-        raise ValueError("a cubic spline needs at least 4 points")
-    spline, _ = splines().make_splprep(row.T, k=3, s=len(row) * noise_sd**2)
-    nodes, node_weights = np.polynomial.legendre.leggauss(8)
-    breaks = np.unique(spline.t)
-    half = np.diff(breaks)[:, None] / 2.0
-    u = (breaks[:-1, None] + half + half * nodes).ravel()
-    (x1, z1), (x2, z2) = spline(u, nu=1), spline(u, nu=2)
-    speed = np.hypot(x1, z1)
-    weights = (half * node_weights).ravel()
-    # κ ds = turning/speed³ · speed du
-    turned = float(weights @ ((x2 * z1 - x1 * z2) / speed**2))
-    return turned, float(weights @ speed)
 
 
 def _checked(points: npt.ArrayLike) -> Floats:
@@ -226,28 +132,6 @@ def _checked(points: npt.ArrayLike) -> Floats:
     return row
 
 
-def _end_count(points_count: int, end_points: int | None) -> int:
-    wanted = -(-points_count // 3) if end_points is None else end_points
-    return min(points_count, max(3, wanted))
-
-
-def _arcs(chords: Floats, curvature: float) -> Floats:
-    half_angles = np.arcsin(np.clip(abs(curvature) * chords / 2.0, 0.0, 1.0))
-    flat = half_angles < 1e-9
-    return np.where(flat, chords, chords * half_angles / np.where(flat, 1.0, np.sin(half_angles)))
-
-
-def _angle_weights(arcs: Floats, chords: Floats, count: int) -> Floats:
-    """Weigh the directions of chords so that their sum is the bend angle."""
-    ends = np.concatenate([[0.0], np.cumsum(arcs)])
-    middles = (ends[:-1] + ends[1:]) / 2.0
-    first, last = slice(0, count - 1), slice(len(arcs) - count + 1, None)
-    weights = np.zeros(len(arcs))
-    weights[last] += _tangent_weights(middles[last] - ends[-1], chords[last])
-    weights[first] -= _tangent_weights(middles[first], chords[first])
-    return weights
-
-
 def _tangent_weights(distances: Floats, chords: Floats) -> Floats:
     """Weigh directions at the distances so that their sum is the direction at distance 0."""
     differences = (
@@ -258,19 +142,16 @@ def _tangent_weights(distances: Floats, chords: Floats) -> Floats:
     return np.asarray(np.linalg.solve(design.T @ weighted, weighted.T)[0], float)
 
 
-def read_line(
-    points: npt.ArrayLike, operator: Operator = "angle_over_arc", *, end_angle: float | None = None
-) -> Bend:
+def read_line(points: npt.ArrayLike, operator: Operator = "angle_over_arc") -> Bend:
     r"""Return curvature, angle and arc length of a line of points by an operator.
 
     ``angle_over_arc``
-        The rotation between the ends over the arc length. With the rotation of the end faces,
-        ``end_angle``, it is the contract's curvature; from points alone the tangents at the ends
-        replace it, see `measure_bend`.
+        The rotation between the ends over the arc length, as in the contract's curvature; the
+        tangents at the ends replace the end faces, see `measure_bend`.
     ``circle``
         1/R of the circle fitted to all points by least squares of radial distances.
     ``spline``
-        Mean curvature of an interpolating cubic spline, see `spline_curvature`.
+        Mean curvature of an interpolating cubic spline, see `spline_bend`.
     ``base_tip``
         The circle through both ends that leaves the base along the x axis, as in
         doi:10.1089/soro.2015.0013: with the chord c at an angle φ to the axis
@@ -287,9 +168,6 @@ def read_line(
         (x, z) from the clamped to the free end; bending towards negative z is positive [mm].
     operator : str
         One of the four.
-    end_angle : float, optional
-        Rotation of the free end face relative to the clamped one, if known [rad]; used by
-        ``angle_over_arc`` only.
 
     Raises
     ------
@@ -306,8 +184,6 @@ def read_line(
     >>> [round(read_line(row, name).curvature, 2) for name in OPERATORS]
     [10.0, 10.0, 10.0, 10.0]
     """
-    if operator == "angle_over_arc" and end_angle is not None:
-        return Bend(end_angle, measure_bend(points).arc_length)
     return OPERATORS[operator](points)
 
 
@@ -374,9 +250,34 @@ def base_tip_bend(points: npt.ArrayLike) -> Bend:
 
 
 def spline_bend(points: npt.ArrayLike) -> Bend:
-    """Return turning and length of an interpolating cubic spline, see `spline_curvature`."""
-    turned, length = _along_spline(_checked(points), 0.0)
-    return Bend(turned, length)
+    r"""Return turning and length of an interpolating cubic spline through at least four points.
+
+    .. math:: \theta = \int \frac{x'' z' - x' z''}{(x'^2 + z'^2)^{3/2}} ds
+
+    On a circular arc exact up to the third power of the spacing. The Kappa plugin for Fiji
+    (doi:10.1101/852772) averages differently, see `kappa_bend`.
+
+    Examples
+    --------
+    >>> s = np.linspace(0.0, np.pi / 2, 20)
+    >>> row = np.column_stack([100 * np.sin(s), 100 * np.cos(s) - 100])
+    >>> round(spline_bend(row).curvature, 2)
+    10.0
+    """
+    row = _checked(points)
+    if len(row) < 4:
+        raise ValueError("a cubic spline needs at least 4 points")
+    spline, _ = splines().make_splprep(row.T, k=3, s=0.0)
+    nodes, node_weights = np.polynomial.legendre.leggauss(8)
+    breaks = np.unique(spline.t)
+    half = np.diff(breaks)[:, None] / 2.0
+    u = (breaks[:-1, None] + half + half * nodes).ravel()
+    (x1, z1), (x2, z2) = spline(u, nu=1), spline(u, nu=2)
+    speed = np.hypot(x1, z1)
+    weights = (half * node_weights).ravel()
+    # κ ds = turning/speed³ · speed du
+    turned = float(weights @ ((x2 * z1 - x1 * z2) / speed**2))
+    return Bend(turned, float(weights @ speed))
 
 
 def kappa_bend(points: npt.ArrayLike, controls: int) -> Bend:

@@ -50,9 +50,11 @@ except ImportError:  # pragma: no cover - depends on the machine
 
 Floats = NDArray[np.float64]
 
-# PARDISO: not all parameters default, nested dissection, no iterative refinement, which costs more
-# than solutions and is made unnecessary by Newton's method and the corrections here
+# PARDISO's parameters for definite matrices: not all default, nested dissection, no iterative
+# refinement, which costs more than solutions and is made unnecessary by Newton's method and the
+# corrections here
 _PARAMETERS = {1: 1, 2: 2, 8: 0}
+_NOT_POSITIVE = (-4, -7)  # PARDISO's errors for a pivot that is not positive
 
 
 class LostDefinitenessError(ArithmeticError):
@@ -60,67 +62,63 @@ class LostDefinitenessError(ArithmeticError):
 
 
 class Factorization(Protocol):
-    """What Newton's method needs of a direct solver."""
+    """A direct solver for symmetric systems of one pattern."""
 
     name: str
 
-    def factorize(self, data: Floats) -> None:
-        """Factorize the matrix with these entries of its upper triangle."""
-
-    def solve(self, right: Floats) -> Floats:
-        """Solve for one right-hand side, shape (n,), or several, (n, k)."""
-
-    def close(self) -> None:
-        """Release the memory."""
-
-
-class Indefinite(Protocol):
-    """What volume control needs of a direct solver."""
-
     def factorize(self, data: Floats) -> int:
-        """Factorize; return the number of negative eigenvalues."""
+        """Factorize the matrix with these entries of its upper triangle.
+
+        Returns the number of negative eigenvalues. Raises LostDefinitenessError if it is singular,
+        or if it must be positive definite and is not.
+        """
 
     def solve(self, right: Floats) -> Floats:
-        """Solve for one right-hand side, shape (n,), or several, (n, k)."""
+        """Solve with the last factors for one right-hand side, shape (n,), or several, (n, k)."""
 
     def close(self) -> None:
         """Release the memory."""
 
 
 @dataclass
-class PardisoCholesky:
-    """Cholesky factors by MKL's PARDISO; the symbolic analysis is done once.
+class Pardiso:
+    """Cholesky or LDLᵀ factors by MKL's PARDISO; the symbolic analysis is done once.
 
     Parameters
     ----------
     upper : scipy.sparse.csr_array
         Pattern of the upper triangle, with sorted indices and every diagonal entry.
+    is_definite : bool
+        Whether the matrices must be positive definite.
     """
 
     upper: sp.csr_array
+    is_definite: bool
     name: str = "pypardiso"
     _solver: "pypardiso.PyPardisoSolver" = field(init=False, repr=False)
     _analysed: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         """Open the solver on one thread: the same sums in the same order on every machine."""
-        self._solver = pypardiso.PyPardisoSolver(mtype=2)
+        self._solver = pypardiso.PyPardisoSolver(mtype=2 if self.is_definite else -2)
         self._solver.libmkl.MKL_Set_Num_Threads(ctypes.c_int(1))
-        for place, value in _PARAMETERS.items():
+        for place, value in _PARAMETERS.items() if self.is_definite else ():
             self._solver.set_iparm(place, value)
 
-    def factorize(self, data: Floats) -> None:
-        """Factorize; raises LostDefinitenessError if a pivot is not positive."""
+    def factorize(self, data: Floats) -> int:
+        """Factorize, see `Factorization`."""
         self.upper.data = data
         self._solver.set_phase(22 if self._analysed else 12)
         try:
             self._solver._call_pardiso(self.upper, np.zeros(self.upper.shape[0]))
         except pypardiso.pardiso_wrapper.PyPardisoError as error:
-            if error.value in (-4, -7):
+            if self.is_definite:
+                if error.value not in _NOT_POSITIVE:
+                    raise
                 self._analysed = True
-                raise LostDefinitenessError from error
-            raise
+            raise LostDefinitenessError from error
         self._analysed = True
+        return 0 if self.is_definite else int(self._solver.get_iparm(23))
 
     def solve(self, right: Floats) -> Floats:
         """Solve with the last factors."""
@@ -135,29 +133,38 @@ class PardisoCholesky:
 
 @dataclass
 class SuperLU:
-    """The fallback without MKL: SuperLU in symmetric mode.
+    """The fallback without MKL: SuperLU in symmetric mode, without pivoting.
 
     Parameters
     ----------
-    upper : scipy.sparse.csr_array
-        Pattern of the upper triangle.
+    upper, is_definite
+        As in `Pardiso`.
     """
 
     upper: sp.csr_array
+    is_definite: bool
     name: str = "splu"
     _factors: "sparse_linalg.SuperLU | None" = field(default=None, init=False, repr=False)
 
-    def factorize(self, data: Floats) -> None:
-        """Factorize; raises LostDefinitenessError if a pivot is not positive."""
+    def factorize(self, data: Floats) -> int:
+        """Factorize, see `Factorization`; the signs of pivots are those of eigenvalues."""
         self.upper.data = data
         full = self.upper + sp.triu(self.upper, k=1).T
         try:
-            self._factors = _symmetric_lu(full)
+            self._factors = sparse_linalg.splu(
+                sp.csc_array(full),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
         except RuntimeError as error:  # exactly singular
             raise LostDefinitenessError from error
-        exchanged = not np.array_equal(self._factors.perm_r, self._factors.perm_c)
-        if exchanged or not np.all(self._factors.U.diagonal() > 0.0):
-            raise LostDefinitenessError
+        pivots = self._factors.U.diagonal()
+        if self.is_definite:
+            exchanged = not np.array_equal(self._factors.perm_r, self._factors.perm_c)
+            if exchanged or not np.all(pivots > 0.0):
+                raise LostDefinitenessError
+        return int(np.sum(pivots < 0.0))
 
     def solve(self, right: Floats) -> Floats:
         """Solve with the last factors."""
@@ -169,91 +176,10 @@ class SuperLU:
         self._factors = None
 
 
-@dataclass
-class PardisoIndefinite:
-    """LDLᵀ factors by MKL's PARDISO, which count negative eigenvalues.
-
-    Parameters
-    ----------
-    upper : scipy.sparse.csr_array
-        Pattern of the upper triangle.
-    """
-
-    upper: sp.csr_array
-    _solver: "pypardiso.PyPardisoSolver" = field(init=False, repr=False)
-    _analysed: bool = field(default=False, init=False)
-
-    def __post_init__(self) -> None:
-        """Open the solver on one thread."""
-        self._solver = pypardiso.PyPardisoSolver(mtype=-2)
-        self._solver.libmkl.MKL_Set_Num_Threads(ctypes.c_int(1))
-
-    def factorize(self, data: Floats) -> int:
-        """Factorize; return the number of negative eigenvalues."""
-        self.upper.data = data
-        self._solver.set_phase(22 if self._analysed else 12)
-        try:
-            self._solver._call_pardiso(self.upper, np.zeros(self.upper.shape[0]))
-        except pypardiso.pardiso_wrapper.PyPardisoError as error:
-            raise LostDefinitenessError from error
-        self._analysed = True
-        return int(self._solver.get_iparm(23))
-
-    def solve(self, right: Floats) -> Floats:
-        """Solve with the last factors."""
-        self._solver.set_phase(33)
-        solution: Floats = self._solver._call_pardiso(self.upper, np.asfortranarray(right))
-        return solution
-
-    def close(self) -> None:
-        """Release MKL's memory."""
-        self._solver.free_memory(everything=True)
-
-
-@dataclass
-class SuperLUIndefinite:
-    """The fallback: SuperLU without pivoting; the signs of its pivots count eigenvalues.
-
-    Parameters
-    ----------
-    upper : scipy.sparse.csr_array
-        Pattern of the upper triangle.
-    """
-
-    upper: sp.csr_array
-    _factors: "sparse_linalg.SuperLU | None" = field(default=None, init=False, repr=False)
-
-    def factorize(self, data: Floats) -> int:
-        """Factorize; return the number of negative eigenvalues."""
-        self.upper.data = data
-        full = self.upper + sp.triu(self.upper, k=1).T
-        try:
-            self._factors = _symmetric_lu(full)
-        except RuntimeError as error:  # exactly singular
-            raise LostDefinitenessError from error
-        return int(np.sum(self._factors.U.diagonal() < 0.0))
-
-    def solve(self, right: Floats) -> Floats:
-        """Solve with the last factors."""
-        assert self._factors is not None
-        return np.asarray(self._factors.solve(np.ascontiguousarray(right)), dtype=np.float64)
-
-    def close(self) -> None:
-        """Drop the factors."""
-        self._factors = None
-
-
-def _symmetric_lu(full: sp.csr_array) -> "sparse_linalg.SuperLU":
-    return sparse_linalg.splu(
-        sp.csc_array(full),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-
-
-def open_indefinite(upper: sp.csr_array, name: str | None = None) -> Indefinite:
-    """Return a direct solver for symmetric matrices that need not be definite.
+def open_factorization(
+    upper: sp.csr_array, name: str | None = None, *, is_definite: bool = True
+) -> Factorization:
+    """Return a direct solver with its own matrix entries.
 
     Parameters
     ----------
@@ -261,27 +187,10 @@ def open_indefinite(upper: sp.csr_array, name: str | None = None) -> Indefinite:
         Pattern of the upper triangle.
     name : {"pypardiso", "splu"}, optional
         The solver; by default the first one installed.
+    is_definite : bool
+        Whether the matrices must be positive definite.
     """
+    own = sp.csr_array((np.zeros(upper.nnz), upper.indices, upper.indptr), shape=upper.shape)
     if name == "splu" or (name is None and pypardiso is None):
-        return SuperLUIndefinite(_with_own_data(upper))
-    return PardisoIndefinite(_with_own_data(upper))
-
-
-def open_factorization(upper: sp.csr_array, name: str | None = None) -> Factorization:
-    """Return the best available direct solver, with its own matrix entries.
-
-    Parameters
-    ----------
-    upper : scipy.sparse.csr_array
-        Pattern of the upper triangle.
-    name : {"pypardiso", "splu"}, optional
-        The solver; by default the first one installed.
-    """
-    own = _with_own_data(upper)
-    if name == "splu" or (name is None and pypardiso is None):
-        return SuperLU(own)
-    return PardisoCholesky(own)
-
-
-def _with_own_data(upper: sp.csr_array) -> sp.csr_array:
-    return sp.csr_array((np.zeros(upper.nnz), upper.indices, upper.indptr), shape=upper.shape)
+        return SuperLU(own, is_definite)
+    return Pardiso(own, is_definite)

@@ -103,7 +103,7 @@ def local_constants(
         local = np.broadcast_to(uniform, (*body.weights.shape, 4)).copy()
     else:
         local = np.exp(m.skin * skin_profile(body))[..., None] * uniform
-    if layer is not None and body.layer is not None:
+    if layer is not None:
         local[body.layer] = [layer.c1, layer.c2, layer.c3, 0.0]
     return local
 

@@ -19,7 +19,7 @@ from bayesdeg.actuator.body import (
     tetrahedra_of,
 )
 from bayesdeg.actuator.families import PartGeometry
-from bayesdeg.actuator.moulded import Box, Moulded, Planes, bottom_is_exposed
+from bayesdeg.actuator.moulded import Box, Moulded, Planes
 from bayesdeg.actuator.round import RoundSection
 from bayesdeg.actuator.status import COARSE as COARSE
 from bayesdeg.actuator.status import CONVERGED as CONVERGED
@@ -31,6 +31,7 @@ from bayesdeg.errors import GeometryError
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+TOLERANCE = 1e-7  # mm: points this close to a box are inside
 TOGETHER = 9  # decimals of a coordinate [mm]: nodes of core and ring equal to them are merged
 
 
@@ -107,9 +108,6 @@ def build_mesh(
     paper = faces[:0]
     if geometry.constraint.is_membrane:
         paper = grid_order(body.nodes, faces_on_plane(body, geometry.line_height))
-    layer = None
-    if geometry.slab:
-        layer = _inside_any(body.nodes[body.elements].mean(axis=1), geometry.slab)
     end = np.isclose(middles[:, 0], geometry.outer[0][1])
     nodes = body.nodes
     fixed = np.repeat(np.isclose(nodes[:, :1], 0.0), 3, axis=1)
@@ -124,7 +122,7 @@ def build_mesh(
             paper=paper,
             fixed=fixed,
             depth=_depth(body, geometry),
-            layer=layer,
+            layer=_inside_any(body.nodes[body.elements].mean(axis=1), geometry.slab),
         ),
         free_end=grid_order(nodes, faces[end]) if unbent is None else faces[end],
         bottom_line=on_line[np.argsort(nodes[on_line, 0])],
@@ -259,7 +257,7 @@ def _depth(body: Body, geometry: Moulded) -> Floats:
         under: Floats = np.maximum(nearest, 0.0)
         return under
     depth = np.min(np.array([length, half_width, top]) - points, axis=-1)
-    if bottom_is_exposed(geometry.constraint, geometry.dimensions):
+    if geometry.bottom_is_exposed:
         depth = np.minimum(depth, points[..., 2] - bottom)
     for void in geometry.exposed:
         low, high = np.array(void).T
@@ -306,13 +304,11 @@ def graded(count: int, grading: float, *, first: bool, last: bool) -> Floats:
     return t
 
 
-def _inside_any(
-    points: Floats, boxes: tuple[Box, ...], tolerance: float = 1e-7
-) -> NDArray[np.bool_]:
+def _inside_any(points: Floats, boxes: tuple[Box, ...]) -> NDArray[np.bool_]:
     inside = np.zeros(len(points), dtype=bool)
     for box in boxes:
         low, high = np.array(box).T
-        inside |= np.all((points > low - tolerance) & (points < high + tolerance), axis=1)
+        inside |= np.all((points > low - TOLERANCE) & (points < high + TOLERANCE), axis=1)
     return inside
 
 

@@ -1,4 +1,4 @@
-"""Interface of a geometry for meshing, and functions of its boxes."""
+"""The shape of an actuator as moulded, for meshing, and functions of its boxes."""
 
 from typing import Protocol, Self
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.round import RoundSection
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.families import Constraint, Mould
+from bayesdeg.errors import GeometryError
 
 Floats = NDArray[np.float64]
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
@@ -20,20 +21,57 @@ class Moulded(Protocol):
     """The half actuator as moulded, cut at its plane of symmetry y = 0: a block minus boxes.
 
     x runs along the actuator from the clamped end, y across from the plane of symmetry, z up
-    from the bottom. Positive bending is downwards.
+    from the bottom. Positive bending is downwards. A family is a frozen dataclass that derives from
+    this class; what it does not override is that of an eroded block.
+
+    Parameters
+    ----------
+    dimensions : Mould
+        Dimensions as moulded [mm].
+    wall_factor : float
+        Thickness of walls over the nominal one; the outer faces do not move [–].
+    erosion : float
+        Thickness lost from every face exposed to the soil: all outer faces except the clamped end,
+        and the bottom if a membrane covers it [mm].
+    constraint : Constraint
+        The inextensible or stiffer layer; by default paper in its usual place.
+
+    Raises
+    ------
+    GeometryError
+        If no actuator can have these dimensions; the message lists every reason.
     """
 
-    @property
-    def dimensions(self) -> Mould:
-        """Dimensions as moulded [mm]."""
+    dimensions: Mould
+    wall_factor: float
+    erosion: float
+    constraint: Constraint
+
+    def __post_init__(self) -> None:
+        """Refuse impossible dimensions."""
+        w, e = self.wall_factor, self.erosion
+        problems = self.dimensions.problems() or self.constraint.problems(self.dimensions)
+        if not problems and not (w > 0.0 and e >= 0.0):
+            problems = (f"wall factor {w:g} must be above 0, erosion {e:g} mm not negative",)
+        if problems := problems or self.change_problems():
+            raise GeometryError("; ".join(problems))
+
+    def change_problems(self) -> tuple[str, ...]:
+        """Say why walls cannot be changed by this factor and erosion; empty if they can."""
+        return ()
 
     @property
-    def constraint(self) -> Constraint:
-        """The inextensible layer."""
+    def bottom_is_exposed(self) -> bool:
+        """Whether no membrane covers the bottom; an elastomer there is itself exposed."""
+        layer = self.constraint
+        return not (layer.is_membrane and layer.height_in(self.dimensions) == 0.0)
 
     @property
     def outer(self) -> Box:
         """Remaining block after erosion [mm]."""
+        d, e = self.dimensions, self.erosion
+        bottom = e if self.bottom_is_exposed else 0.0
+        return (0.0, d.length - e), (0.0, d.width / 2 - e), (bottom, d.height - e)
 
     @property
     def cavities(self) -> tuple[Box, ...]:
@@ -46,32 +84,55 @@ class Moulded(Protocol):
     @property
     def exposed(self) -> tuple[Box, ...]:
         """The voids that are open to the outside [mm]."""
+        return ()
 
     @property
     def slab(self) -> tuple[Box, ...]:
         """The box of a constraint layer of elastomer, if it is one [mm]."""
+        if not self.constraint.is_slab:
+            return ()
+        low, high = self.constraint.slab_in(self.dimensions)
+        along, across, (bottom, top) = self.outer
+        return ((along, across, (max(low, bottom), min(high, top))),)
 
     @property
     def rounded(self) -> RoundSection | None:
         """The outline across the length, if round."""
+        return None
 
     @property
     def line_height(self) -> float:
-        """Height of the constraint's plane, along whose middle the curvature is read [mm]."""
+        """Height of the plane along whose middle the curvature is read [mm].
+
+        That of the constraint layer. Without one it may lie on the bottom, and then moves with an
+        eroded bottom.
+        """
+        height = self.constraint.height_in(self.dimensions)
+        return height if self.constraint.is_there else max(height, self.erosion)
+
+    @property
+    def faces(self) -> tuple[Box, ...]:
+        """The block, the line's plane and all boxes [mm]."""
+        plane: Box = ((0.0, 0.0), (0.0, 0.0), (self.line_height, self.line_height))
+        return (self.outer, plane, *self.slab, *self.cavities, *self.voids)
 
     @property
     def volume(self) -> float:
         """Volume of the material of the whole actuator [mm³]."""
+        return 2.0 * volume_without(self.planes(), (*self.cavities, *self.voids))
+
+    @property
+    def is_boxes(self) -> bool:
+        """Whether it is a block minus boxes; otherwise a mesh defines it."""
+        return True
 
     def mesh_like(self, usual: Resolution) -> Resolution:
         """Return the resolution equivalent to one of the default pneunet."""
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between bricks [mm]."""
-
-    @property
-    def is_boxes(self) -> bool:
-        """Whether it is a block minus boxes; otherwise a mesh defines it."""
+        boxes = (*self.slab, *self.cavities, *self.voids)
+        return planes_of(self.outer, boxes, self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the actuator with thicker or thinner walls and faces eroded [–, mm]."""
@@ -79,59 +140,13 @@ class Moulded(Protocol):
     def record(self) -> dict[str, object]:
         """Return all that a solution depends on, as written and hashed."""
 
-
-def bottom_is_exposed(constraint: Constraint, mould: Mould) -> bool:
-    """Return whether no membrane covers the bottom; an elastomer there is itself exposed."""
-    return not (constraint.is_membrane and constraint.height_in(mould) == 0.0)
-
-
-def line_height(constraint: Constraint, mould: Mould, erosion: float) -> float:
-    """Return the height of the plane along whose middle the curvature is read [mm].
-
-    That of the constraint layer. Without one it may lie on the bottom, and then moves with an
-    eroded bottom.
-    """
-    height = constraint.height_in(mould)
-    return height if constraint.is_there else max(height, erosion)
-
-
-def constraint_record(constraint: Constraint, mould: Mould) -> dict[str, object]:
-    """Return the constraint's data that a solution depends on: paper and film are equal."""
-    plain: dict[str, object] = {
-        "is_there": constraint.is_there,
-        "height": constraint.height_in(mould),
-    }
-    own = ("kind", "thickness", "c1", "c2", "c3")
-    return plain | ({name: getattr(constraint, name) for name in own} if constraint.is_slab else {})
-
-
-def slab_of(constraint: Constraint, mould: Mould, outer: Box) -> tuple[Box, ...]:
-    """Return the box of an elastomer layer within the remaining block, if there is one.
-
-    Examples
-    --------
-    >>> from bayesdeg.data.families import RibbedDimensions
-    >>> layer = Constraint("elastomer", thickness=1.0, c1=60.0)
-    >>> slab_of(layer, RibbedDimensions(), ((0.0, 37.8), (0.0, 16.0), (0.0, 18.5)))
-    (((0.0, 37.8), (0.0, 16.0), (8.75, 9.75)),)
-    """
-    if not constraint.is_slab:
-        return ()
-    low, high = constraint.slab_in(mould)
-    return ((outer[0], outer[1], (max(low, outer[2][0]), min(high, outer[2][1]))),)
-
-
-def block_left(mould: Mould, constraint: Constraint, erosion: float) -> Box:
-    """Return the eroded half block: all outer faces except the clamped end move [mm].
-
-    The bottom moves too if no layer covers it.
-    """
-    bottom = erosion if bottom_is_exposed(constraint, mould) else 0.0
-    return (
-        (0.0, mould.length - erosion),
-        (0.0, mould.width / 2 - erosion),
-        (bottom, mould.height - erosion),
-    )
+    @property
+    def constraint_record(self) -> dict[str, object]:
+        """The constraint's data that a solution depends on: paper and film are equal."""
+        layer = self.constraint
+        plain = {"is_there": layer.is_there, "height": layer.height_in(self.dimensions)}
+        own = ("kind", "thickness", "c1", "c2", "c3") if layer.is_slab else ()
+        return plain | {name: getattr(layer, name) for name in own}
 
 
 def mirrored(boxes: tuple[Box, ...], height: float) -> tuple[Box, ...]:
@@ -163,14 +178,7 @@ def planes_of(outer: Box, boxes: tuple[Box, ...], line_height: float) -> Planes:
     return x, y, z
 
 
-def change_problems(wall_factor: float, erosion: float) -> tuple[str, ...]:
-    """Say why walls cannot be changed like this [–, mm]; empty if they can."""
-    if wall_factor > 0.0 and erosion >= 0.0:
-        return ()
-    return (f"wall factor {wall_factor:g} must be above 0, erosion {erosion:g} mm not negative",)
-
-
-def order_is_kept(before: tuple[Box, ...], after: tuple[Box, ...], least: float = 1e-9) -> bool:
+def order_is_kept(before: tuple[Box, ...], after: tuple[Box, ...]) -> bool:
     """Return whether separate faces of boxes stay separate and ordered along each axis.
 
     Only then can the bricks between them be moved along.
@@ -184,7 +192,7 @@ def order_is_kept(before: tuple[Box, ...], after: tuple[Box, ...], least: float 
     old, new = (np.moveaxis(np.array(boxes), 1, 0).reshape(3, -1) for boxes in (before, after))
     order = np.argsort(old, axis=1, kind="stable")
     steps, moved = (np.diff(np.take_along_axis(x, order, axis=1)) for x in (old, new))
-    return bool(np.all(np.where(steps > least, moved > least, np.abs(moved) <= least)))
+    return bool(np.all(np.where(steps > CLOSEST, moved > CLOSEST, np.abs(moved) <= CLOSEST)))
 
 
 def volume_without(planes: Planes, boxes: tuple[Box, ...]) -> float:

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import Body
 from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
-from bayesdeg.actuator.line import Bend, read_line
 from bayesdeg.actuator.mesh import ActuatorMesh
 from bayesdeg.actuator.problem import MechanicalState
-from bayesdeg.data.settings import Operator
 
 Floats = npt.NDArray[np.float64]
 
@@ -37,14 +35,6 @@ class Stretches:
 
     value: Floats
     slope: Floats
-
-
-def principal_stretch(body: Body, state: MechanicalState) -> Stretches:
-    """Return the largest principal stretch and its derivative at every quadrature point."""
-    f = deformation_gradients(body, state.displacement)
-    value = np.empty(f.shape[:2])
-    largest_stretch(f, value)
-    return Stretches(value, f)
 
 
 def deformation_gradients(body: Body, displacement: Floats) -> Floats:
@@ -138,26 +128,15 @@ def _stretch_of_difference(difference: Floats) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True)
-def largest_stretch(f: Floats, value: Floats) -> None:  # pragma: no cover - compiled
-    """Overwrite ``value`` with the largest principal stretch and ``f`` with ∂λ/∂F = n ⊗ N.
-
-    Eigenvalues of C = FᵀF by the trigonometric formula, the axis as the longest product of two
-    rows of C − λ² I, and λ² once more as the axis's Rayleigh quotient.
-    """
-    spare = np.empty((3, 3, 3))
-    for e in range(value.shape[0]):
-        for q in range(value.shape[1]):
-            value[e, q] = _stretched(f[e, q], spare)
-
-
-@njit(cache=True)
 def demands(
     f: Floats, value: Floats, energy: Floats, difference: Floats
 ) -> None:  # pragma: no cover - compiled
-    """Overwrite like `largest_stretch`, and with the invariants of `equivalent_stretches`.
+    """Overwrite ``value`` with the largest principal stretch and ``f`` with ∂λ/∂F = n ⊗ N.
 
-    That is Ī₁ and λ̄₁² − λ̄₃²; the two squares but the largest have the sum I₁ − λ₁² and the
-    product J²/λ₁².
+    Also overwritten are the invariants of `equivalent_stretches`, Ī₁ and λ̄₁² − λ̄₃²; the two
+    squares but the largest have the sum I₁ − λ₁² and the product J²/λ₁². Eigenvalues of C = FᵀF are
+    found by the trigonometric formula, the axis as the longest product of two rows of C − λ² I, and
+    λ² once more as the axis's Rayleigh quotient.
     """
     spare = np.empty((3, 3, 3))
     for e in range(value.shape[0]):
@@ -649,18 +628,6 @@ class StrainFields:
         push = np.zeros_like(f)
         push[each, points] = parts[:, None, None] * found.slope
         return StrainReading(float(parts @ found.value), elements, push)
-
-
-def read_bottom_line(
-    mesh: ActuatorMesh, state: MechanicalState, operator: Operator = "angle_over_arc"
-) -> Bend:
-    """Return an operator's reading of the bottom line's nodes, as for points in a picture.
-
-    The same function reads both, `bayesdeg.actuator.line.read_line`; the free end face, used by
-    `Reading.bend_angle`, is not used.
-    """
-    line = (mesh.body.nodes + state.displacement)[mesh.bottom_line]
-    return read_line(line[:, (0, 2)], operator)
 
 
 def face_rotation(

@@ -43,11 +43,11 @@ def membrane(
     placed, nodes : array, shape (n_nodes, 3)
         Positions now and undeformed [mm].
     faces, along_first, along_second, weights
-        Of ``Body.paper`` and ``surfaces.face_shapes``.
+        Of ``Body.paper`` and ``kernels.face_shapes``.
     law : array, shape (4,)
         Et [C1 mm], ν, slack, mismatch.
     force, position, data
-        As in ``surfaces.cavity_volume``.
+        As in ``kernels.cavity_volume``.
     """
     total, count = 0.0, faces.shape[1]
     gradient, local = np.empty((count, 2)), np.empty((count, 3))
@@ -231,10 +231,9 @@ ALL, UP_ONLY, BUT_ACROSS = (0, 1, 2), (2,), (0, 2)
 def bending_matrix(body: Body) -> sp.coo_array:
     """Return the Hessian of ½ ∫ |∇∇x|² dX over the papered faces, (3 n_nodes, 3 n_nodes).
 
-    Where the body is clamped, so is the paper; where it is cut at a plane of symmetry y = 0,
-    the other half follows. Triangles stand in no grid: on sides of tetrahedra the paper has no
-    the other half follows. Triangles form no grid: on sides of tetrahedra the paper has no bending
-    stiffness, and the matrix is zero; the resulting error grows almost with the
+    Where the body is clamped, so is the paper; where it is cut at a plane of symmetry y = 0, the
+    other half follows. Triangles form no grid: on sides of tetrahedra the paper has no bending
+    stiffness, and the matrix is zero.
 
     Parameters
     ----------
@@ -249,19 +248,6 @@ def bending_matrix(body: Body) -> sp.coo_array:
     size = 3 * len(body.nodes)
     if len(body.paper) == 0 or body.element.triangular:
         return sp.coo_array((size, size))
-    grid, x, y = _grid(body)
-    parts = [
-        *_along(grid, x, _lengths(y)[None, :]),
-        *_along(grid.T, y, _lengths(x)[None, :]),
-        _twist(grid, x, y),
-        *_edges(body, grid, x, y),
-    ]
-    entries = [_outer(*part) for part in parts]
-    rows, columns, values = (np.concatenate(piece) for piece in zip(*entries, strict=True))
-    return sp.coo_array((values, (rows, columns)), shape=(size, size))
-
-
-def _grid(body: Body) -> tuple[Indices, Floats, Floats]:
     nodes = np.unique(body.paper)
     x, first = levels_of(body.nodes[nodes, 0])
     y, second = levels_of(body.nodes[nodes, 1])
@@ -269,7 +255,24 @@ def _grid(body: Body) -> tuple[Indices, Floats, Floats]:
         raise ValueError("the papered faces do not fill a rectangle")
     grid = np.empty((len(x), len(y)), dtype=np.int64)
     grid[first, second] = nodes
-    return grid, x, y
+    parts = [
+        *_along(grid, x, _lengths(y)[None, :]),
+        *_along(grid.T, y, _lengths(x)[None, :]),
+        *_twist(grid, x, y),
+    ]
+    # the slope is zero at the clamp and at the plane of symmetry
+    if np.all(body.fixed[grid[0]]):
+        parts += _mirrored(grid, x, _lengths(y), UP_ONLY)
+    if np.all(body.fixed[grid[:, 0], 1]):
+        parts += _mirrored(grid.T, y, _lengths(x), BUT_ACROSS)
+    rows, columns, values = list[Indices](), list[Indices](), list[Floats]()
+    for degrees, factors in parts:
+        shape = (*degrees.shape, degrees.shape[1])
+        rows.append(np.broadcast_to(degrees[:, :, None], shape).ravel())
+        columns.append(np.broadcast_to(degrees[:, None, :], shape).ravel())
+        values.append((factors[:, :, None] * factors[:, None, :]).ravel())
+    places = np.concatenate(rows), np.concatenate(columns)
+    return sp.coo_array((np.concatenate(values), places), shape=(size, size))
 
 
 def _lengths(at: Floats) -> Floats:
@@ -293,23 +296,12 @@ def _along(grid: Indices, at: Floats, width: Floats) -> list[Stencils]:
     return _for_components(nodes.reshape(-1, 3), weighted.reshape(-1, 3), ALL)
 
 
-def _twist(grid: Indices, x: Floats, y: Floats) -> Stencils:
+def _twist(grid: Indices, x: Floats, y: Floats) -> list[Stencils]:
     """Mixed second derivative, twice, in every cell of the grid."""
     area = np.diff(x)[:, None] * np.diff(y)[None, :]
     nodes = np.stack([grid[1:, 1:], grid[:-1, 1:], grid[1:, :-1], grid[:-1, :-1]], axis=-1)
     factors = np.sqrt(2.0 / area)[..., None] * np.array([1.0, -1.0, -1.0, 1.0])
-    parts = _for_components(nodes.reshape(-1, 4), factors.reshape(-1, 4), ALL)
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
-
-
-def _edges(body: Body, grid: Indices, x: Floats, y: Floats) -> list[Stencils]:
-    """Where the slope is zero at an edge: the clamp, and the plane of symmetry."""
-    parts = []
-    if np.all(body.fixed[grid[0]]):
-        parts += _mirrored(grid, x, _lengths(y), UP_ONLY)
-    if np.all(body.fixed[grid[:, 0], 1]):
-        parts += _mirrored(grid.T, y, _lengths(x), BUT_ACROSS)
-    return parts
+    return _for_components(nodes.reshape(-1, 4), factors.reshape(-1, 4), ALL)
 
 
 def _mirrored(
@@ -323,11 +315,3 @@ def _mirrored(
 
 def _for_components(nodes: Indices, factors: Floats, components: tuple[int, ...]) -> list[Stencils]:
     return [(3 * nodes + component, factors) for component in components]
-
-
-def _outer(degrees: Indices, factors: Floats) -> tuple[Indices, Indices, Floats]:
-    shape = (*degrees.shape, degrees.shape[1])
-    rows = np.broadcast_to(degrees[:, :, None], shape)
-    columns = np.broadcast_to(degrees[:, None, :], shape)
-    values = factors[:, :, None] * factors[:, None, :]
-    return rows.ravel(), columns.ravel(), values.ravel()

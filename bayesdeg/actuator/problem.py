@@ -137,6 +137,10 @@ class System:
         field[self.free] = unknowns
         return field.reshape(-1, 3)
 
+    def on_free(self, field: Floats) -> Floats:
+        """Return the values of a field (n_nodes, 3) that belong to unknowns."""
+        return field.ravel()[self.free]
+
 
 def stored_pairs(n_local: int) -> tuple[Indices, Indices]:
     """Rows and columns of an element's upper triangle in the order of ``scatter_upper``."""
@@ -231,23 +235,38 @@ class DiscreteEquations(Protocol):
         """Return the equations with a different share of the dead loads."""
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
-        """Return residual and tangent at a state."""
+        """Return residual and tangent at a state.
+
+        The residual is the internal force minus the loads', with the volume equation condensed
+        element by element; the tangent is symmetric since the cavity is closed. Without it the
+        equations are only evaluated: neither couplings nor a condensed residual.
+        """
 
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent applied to directions."""
+        """Return the mixed problem's tangent applied to directions.
+
+        Returns
+        -------
+        list of pairs
+            Rate of the uncondensed residual, a rate of the load included, (n_nodes, 3); and rate
+            of the volume residual, (n_elements, n_modes).
+        """
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
-        """Return a residual on the free unknowns, its volume equation eliminated."""
+        """Return a residual on the free unknowns, its volume equation eliminated.
 
-    def on_free(self, field: Floats) -> Floats:
-        """Return the values of a field that belong to unknowns."""
+        ``factors`` gives the couplings; it is the linearisation whose tangent is factorized.
+        """
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
     ) -> Floats:
-        """Return the pressure increments that go with a displacement increment."""
+        """Return the pressure increments that go with a displacement increment.
+
+        δp = K M⁻¹ (B δu + r); without ``volume_residual`` r = 0, as for derivatives along a path.
+        """
 
     def cavity_gradient(self, state: MechanicalState) -> Floats:
         """Return the derivative of the cavity's volume by the displacement."""
@@ -333,12 +352,7 @@ class Problem:
         return m.paper_group * m.paper_thickness**2 / (12.0 * (1.0 - m.paper_poisson**2))
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
-        """Return residual and tangent at a state.
-
-        The residual is the internal force minus the loads', with the volume equation condensed
-        element by element; the tangent is symmetric since the cavity is closed. Without it the
-        equations are only evaluated: neither couplings nor a condensed residual.
-        """
+        """Return residual and tangent at a state, see `DiscreteEquations`."""
         system, body = self.system, self.system.body
         data = np.zeros(system.upper.nnz) if tangent else NOTHING
         force = -self.share * self.dead_force
@@ -395,14 +409,7 @@ class Problem:
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent applied to directions, without assembly.
-
-        Returns
-        -------
-        list of pairs
-            Rate of the uncondensed residual, a rate of the load included, (n_nodes, 3); and rate
-            of the volume residual, (n_elements, n_modes).
-        """
+        """Return the mixed problem's tangent applied to directions, without assembly."""
         body = self.system.body
         along = np.stack([d.displacement for d in directions], axis=-1)
         pressures = np.stack([d.pressure for d in directions], axis=-1)
@@ -422,15 +429,7 @@ class Problem:
             volume_rates,
         )
         split = np.ascontiguousarray(np.moveaxis(forces, -1, 0))
-        self._add_surface_products(state, directions, split)
-        return list(zip(split, np.ascontiguousarray(np.moveaxis(volume_rates, -1, 0)), strict=True))
-
-    def _add_surface_products(
-        self, state: MechanicalState, directions: Sequence[MechanicalState], forces: Floats
-    ) -> None:
-        along = np.stack([d.displacement for d in directions], axis=-1)
-        body, spare = self.system.body, np.zeros_like(self.system.body.nodes)
-        placed = body.nodes + state.displacement
+        spare, placed = np.zeros_like(body.nodes), body.nodes + state.displacement
         at, data = _own_entries(body.cavity)
         kernels.cavity_volume(placed, body.cavity, self._form, -state.load, spare, at, data)
         surfaces = [(body.cavity, data.reshape(at.shape))]
@@ -443,19 +442,17 @@ class Problem:
         for faces, tangents in surfaces:
             local = along[faces].reshape(*tangents.shape[:2], len(directions))
             pushes = (tangents @ local).reshape(*faces.shape, 3, len(directions))
-            kernels.add_rows(faces, pushes, forces)
+            kernels.add_rows(faces, pushes, split)
         if self.material.paper_group > 0.0:
             bend = self.system.bending @ along.reshape(-1, len(directions))
-            forces += self.bending_stiffness * bend.T.reshape(forces.shape)
+            split += self.bending_stiffness * bend.T.reshape(split.shape)
         pressed = np.array([d.load for d in directions])
         if np.any(pressed != 0.0):
-            forces -= pressed[:, None, None] * self.cavity_gradient(state)
+            split -= pressed[:, None, None] * self.cavity_gradient(state)
+        return list(zip(split, np.ascontiguousarray(np.moveaxis(volume_rates, -1, 0)), strict=True))
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
-        """Return a residual on the free unknowns, its volume equation eliminated.
-
-        ``factors`` gives the couplings; it is the linearisation whose tangent is factorized.
-        """
+        """Return a residual on the free unknowns, its volume equation eliminated."""
         total = force.copy()
         kernels.condense(
             self.system.body.elements,
@@ -465,19 +462,12 @@ class Problem:
             volume_residual,
             total,
         )
-        return self.on_free(total)
-
-    def on_free(self, field: Floats) -> Floats:
-        """Return the values of a field (n_nodes, 3) that belong to unknowns."""
-        return field.ravel()[self.system.free]
+        return self.system.on_free(total)
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
     ) -> Floats:
-        """Return the pressure increments that go with a displacement increment.
-
-        δp = K M⁻¹ (B δu + r); without ``volume_residual`` r = 0, as for derivatives along a path.
-        """
+        """Return δp = K M⁻¹ (B δu + r)."""
         out = np.empty_like(factors.volume_residual)
         rest = np.zeros_like(out) if volume_residual is None else volume_residual
         kernels.pressure_increment(

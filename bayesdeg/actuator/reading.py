@@ -24,7 +24,7 @@ from bayesdeg.actuator.inputs import (
     Inputs,
     Prediction,
     continuation,
-    dimensionless,
+    paper_group_of,
     relative_to_reference,
 )
 from bayesdeg.actuator.line import MILLIMETRES_PER_METRE, Bend, kappa_bend, read_line, splines
@@ -182,18 +182,8 @@ def line_of_reading(
     and φ(s) the direction along the line, φ/θ is fitted at every s by a polynomial of second order
     in θ and l, to the shipped finite element lines.
 
-    Parameters
-    ----------
-    angle : float
-        Bend angle as the operator reads it [rad].
-    length : float
-        Length of the line [mm].
-    paper_group : float
-        E t/(C1 s) [mm].
-    operator : str
-        One of `bayesdeg.actuator.line.OPERATORS`.
-    points : int
-        Number of points that it reads.
+    ``angle`` is the bend angle as the operator reads it [rad] from a number of points, ``length``
+    that of the line [mm], and ``paper_group`` is E t/(C1 s) [mm].
 
     Examples
     --------
@@ -261,7 +251,7 @@ class ReadByOperator:
             return relative_to_reference(self, inputs)
         found, ratio = self.mechanics(inputs), operator_ratio(self.operator, self.points)
         angle = np.radians(found.bend_angle)
-        group = dimensionless(inputs)[3]
+        group = paper_group_of(inputs)
         gain, change = ratio(angle, group)
         if self.with_angle:
             of_angle = operator_ratio(self.operator, self.points, of_angle=True)

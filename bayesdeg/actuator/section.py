@@ -80,22 +80,16 @@ def section(geometry: Moulded, columns: int = COLUMNS) -> str:
     ########################################
     ========================================
     """
-    (_, length), _, (bottom, top) = geometry.outer
     if isinstance(geometry, PartGeometry):
         return _of_cells(geometry, columns)
-    rows = max(2, round((top - bottom) / length * columns / CELL))
-    x = length * (np.arange(columns) + 0.5) / columns
-    z = top - (top - bottom) * (np.arange(rows) + 0.5) / rows
-    drawn = np.full((rows, columns), MATERIAL)
-    for boxes, mark in ((geometry.voids, OPEN), (geometry.cavities, PRESSED)):
-        for box in boxes:
-            drawn[np.ix_(*_within(box, z, x))] = mark
-    for box in geometry.slab:
-        drawn[np.ix_(*_within(box, z, x))] = LAYER
-    lines = ["".join(row) for row in drawn]
-    if geometry.constraint.is_there and LAYER not in drawn:
-        lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
-    return "\n".join(lines)
+    (_, length), _, (bottom, top) = geometry.outer
+    x, z = _grid(length, bottom, top, columns)
+    drawn = np.full((len(z), columns), MATERIAL)
+    for boxes, mark in _marked(geometry):
+        for along, _, upward in boxes:
+            drawn[np.ix_(_within(upward, z), _within(along, x))] = mark
+    has_line = geometry.constraint.is_there and LAYER not in drawn
+    return _joined(drawn, z, geometry.line_height if has_line else None)
 
 
 def _of_cells(geometry: PartGeometry, columns: int) -> str:
@@ -109,19 +103,13 @@ def _of_cells(geometry: PartGeometry, columns: int) -> str:
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle = 1e-3 * float(part.size[1])  # slightly off the plane, as faces may lie in it
     cut = (low[:, 1] <= middle) & (high[:, 1] >= middle)
-    length, top = float(part.size[0]), float(part.size[2])
-    rows = max(2, round(top / length * columns / CELL))
-    x = length * (np.arange(columns) + 0.5) / columns
-    z = top - top * (np.arange(rows) + 0.5) / rows
-    drawn = np.full((rows, columns), PRESSED)
+    x, z = _grid(float(part.size[0]), 0.0, float(part.size[2]), columns)
+    drawn = np.full((len(z), columns), PRESSED)
     for own, a, b in zip(corners[cut], low[cut], high[cut], strict=True):
         there = np.ix_((a[2] <= z) & (z <= b[2]), (a[0] <= x) & (x <= b[0]))
         within = _in_tetrahedron(own, x[there[1]], middle, z[there[0]]) if len(own) == 4 else True
         drawn[there] = np.where(within, MATERIAL, drawn[there])
-    lines = ["".join(row) for row in drawn]
-    if geometry.constraint.is_there:
-        lines.insert(int(np.sum(z > geometry.line_height)), LAYER * columns)
-    return "\n".join(lines)
+    return _joined(drawn, z, geometry.line_height if geometry.constraint.is_there else None)
 
 
 def _in_tetrahedron(corners: Floats, x: Floats, y: float, z: Floats) -> Bools:
@@ -153,26 +141,38 @@ def across(geometry: Moulded, columns: int = ACROSS) -> str:
     ------############------
     """
     (_, length), (_, half), (bottom, top) = geometry.outer
-    rows = max(2, round((top - bottom) / (2.0 * half) * columns / CELL))
+    _, z = _grid(2.0 * half, bottom, top, columns)
     y = half * (2.0 * (np.arange(columns) + 0.5) / columns - 1.0)
-    z = top - (top - bottom) * (np.arange(rows) + 0.5) / rows
-    drawn = np.full((rows, columns), MATERIAL)
-    parts = (geometry.voids, OPEN), (geometry.cavities, PRESSED), (geometry.slab, LAYER)
-    for boxes, mark in parts:
+    drawn = np.full((len(z), columns), MATERIAL)
+    for boxes, mark in _marked(geometry):
         for (first, last), beside, upward in boxes:
             if first < 0.5 * length < last:
-                drawn[np.ix_(*_within((beside, beside, upward), z, np.abs(y)))] = mark
+                drawn[np.ix_(_within(upward, z), _within(beside, np.abs(y)))] = mark
     if geometry.rounded is not None:
         inside = geometry.rounded.holds(y[None, :], z[:, None])
         drawn = np.where(inside, drawn, OUTSIDE)
+    return _joined(drawn, z, geometry.line_height if geometry.constraint.is_membrane else None)
+
+
+def _grid(length: float, bottom: float, top: float, columns: int) -> tuple[Floats, Floats]:
+    """Return places along a length and heights, from the top down, of the characters."""
+    rows = max(2, round((top - bottom) / length * columns / CELL))
+    x = length * (np.arange(columns) + 0.5) / columns
+    return x, top - (top - bottom) * (np.arange(rows) + 0.5) / rows
+
+
+def _marked(geometry: Moulded) -> tuple[tuple[tuple[Box, ...], str], ...]:
+    return (geometry.voids, OPEN), (geometry.cavities, PRESSED), (geometry.slab, LAYER)
+
+
+def _within(ends: tuple[float, float], places: Floats) -> Bools:
+    inside: Bools = (ends[0] < places) & (places < ends[1])
+    return inside
+
+
+def _joined(drawn: NDArray[np.str_], z: Floats, line: float | None) -> str:
+    """Join the rows, with a line for a layer at a height."""
     lines = ["".join(row) for row in drawn]
-    if geometry.constraint.is_membrane:
-        place = int(np.sum(z > geometry.line_height))
-        lines.insert(place, LAYER * columns)
+    if line is not None:
+        lines.insert(int(np.sum(z > line)), LAYER * drawn.shape[1])
     return "\n".join(lines)
-
-
-def _within(box: Box, z: Floats, x: Floats) -> tuple[Bools, Bools]:
-    """Return which heights and which places along the middle lie in a box."""
-    along, _, upward = box
-    return (upward[0] < z) & (z < upward[1]), (along[0] < x) & (x < along[1])

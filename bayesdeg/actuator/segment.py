@@ -5,27 +5,22 @@ The families differ in their channels and in the elements that these require.
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from bayesdeg.actuator.moulded import (
     Box,
+    Moulded,
     Planes,
-    block_left,
-    change_problems,
-    constraint_record,
-    line_height,
     mirrored,
     order_is_kept,
     planes_of,
-    slab_of,
     volume_without,
 )
 from bayesdeg.actuator.round import RoundSection, core_of
 from bayesdeg.actuator.status import FINE, Resolution
 from bayesdeg.data.families import Constraint, CylindricalDimensions, Kind, RibbedDimensions
-from bayesdeg.errors import GeometryError
 
 Boxes = tuple[Box, ...]
 Sizes = tuple[float, float, float]
@@ -104,65 +99,37 @@ LAYOUTS: Mapping[Kind, Layout] = {
 
 
 @dataclass(frozen=True)
-class SegmentGeometry:
-    """The half segment as moulded, cut at its plane of symmetry y = 0.
+class SegmentGeometry(Moulded):
+    """The half segment as moulded.
 
     The channels of the upper half are under pressure, which bends the segment downwards: towards
-    the constraint layer, and the passive half below it.
-
-    Parameters
-    ----------
-    dimensions : RibbedDimensions or CylindricalDimensions
-        As moulded [mm].
-    wall_factor : float
-        Thickness of the cover and of the walls beside channels over the nominal one; the outer
-        faces and the floor of the channels do not move [–].
-    erosion : float
-        Thickness lost from every exposed face: all outer faces except the clamped end, and the
-        bottom if the constraint covers it [mm].
-    constraint : Constraint
-        The inextensible or stiffer layer.
-
-    Raises
-    ------
-    GeometryError
-        If no segment can have these dimensions; the message lists every reason.
+    the constraint layer, and the passive half below it. Those of the lower half open into a tube,
+    not to the soil. The cover and the walls beside channels have the wall factor; the floor of the
+    channels does not move.
 
     Examples
     --------
     >>> ribbed = SegmentGeometry(RibbedDimensions())
-    >>> len(ribbed.cavities), ribbed.line_height
-    (14, 9.25)
+    >>> len(ribbed.cavities), ribbed.line_height, round(ribbed.volume)
+    (14, 9.25, 20294)
     >>> straight = SegmentGeometry(CylindricalDimensions())
-    >>> len(straight.cavities), straight.line_height
-    (1, 9.8)
+    >>> len(straight.cavities), straight.line_height, round(straight.volume)
+    (1, 9.8, 39557)
     """
 
     dimensions: RibbedDimensions | CylindricalDimensions
     wall_factor: float = 1.0
     erosion: float = 0.0
     constraint: Constraint = field(default_factory=Constraint)
-    exposed: ClassVar[Boxes] = ()  # channels of the lower half open into a tube, not to the soil
-    is_boxes: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        """Refuse impossible dimensions."""
-        problems = (
-            self.dimensions.problems()
-            or self.constraint.problems(self.dimensions)
-            or self._changed_problems()
-        )
-        if problems:
-            raise GeometryError("; ".join(problems))
-
-    def _changed_problems(self) -> tuple[str, ...]:
+    def change_problems(self) -> tuple[str, ...]:
+        """Say why walls cannot be changed by this factor and erosion; empty if they can."""
         d, w, e = self.dimensions, self.wall_factor, self.erosion
         if w == 1.0 and e == 0.0:
             return ()
-        if wrong_change := change_problems(w, e):
-            return wrong_change
-        ordered = order_is_kept(self.changed(wall_factor=1.0, erosion=0.0)._faces, self._faces)
-        if ordered and (self.rounded is None or self.rounded.holds_core):
+        nominal = self.changed(wall_factor=1.0, erosion=0.0)
+        before, after = ((*one.faces, *one._core) for one in (nominal, self))
+        if order_is_kept(before, after) and (self.rounded is None or self.rounded.holds_core):
             return ()
         return (
             f"a wall factor of {w:g} and {e:g} mm of erosion remove a wall or a channel "
@@ -173,16 +140,6 @@ class SegmentGeometry:
     @property
     def _layout(self) -> Layout:
         return LAYOUTS[self.dimensions.kind]
-
-    @property
-    def line_height(self) -> float:
-        """Height of the constraint's plane, along whose middle the curvature is read [mm]."""
-        return line_height(self.constraint, self.dimensions, self.erosion)
-
-    @property
-    def outer(self) -> Box:
-        """Remaining block after erosion [mm]."""
-        return block_left(self.dimensions, self.constraint, self.erosion)
 
     @property
     def rounded(self) -> RoundSection | None:
@@ -227,27 +184,9 @@ class SegmentGeometry:
         return self.lower if self.dimensions.passive == "open" else ()
 
     @property
-    def slab(self) -> Boxes:
-        """The box of a constraint layer of elastomer, if it is one [mm]."""
-        return slab_of(self.constraint, self.dimensions, self.outer)
-
-    @property
-    def _faces(self) -> Boxes:
-        plane = (0.0, 0.0), (0.0, 0.0), (self.line_height, self.line_height)
-        return (self.outer, plane, *self.slab, *self._core, *self.upper, *self.lower)
-
-    @property
     def volume(self) -> float:
-        """Volume of the material of the whole segment [mm³].
-
-        Examples
-        --------
-        >>> round(SegmentGeometry(RibbedDimensions()).volume)
-        20294
-        >>> round(SegmentGeometry(CylindricalDimensions()).volume)
-        39557
-        """
-        planes, channels = self.planes(), (*self.upper, *self.lower)
+        """Volume of the material of the whole segment [mm³]."""
+        planes, channels = self.planes(), (*self.cavities, *self.voids)
         if self.rounded is None:
             return 2.0 * volume_without(planes, channels)
         air = volume_without(planes, ()) - volume_without(planes, channels)
@@ -265,16 +204,15 @@ class SegmentGeometry:
 
     def planes(self) -> Planes:
         """Return the coordinates of all planes along x, y and z between bricks [mm]."""
-        boxes = (*self.slab, *self.upper, *self.lower)
+        channels = (*self.cavities, *self.voids)
         if not self._core:
-            return planes_of(self.outer, boxes, self.line_height)
+            return planes_of(self.outer, (*self.slab, *channels), self.line_height)
         # of the rectangle from which the section is bent, twice as large as the core
         (_, (_, across), upward) = self._core[0]
         axis = 0.5 * sum(upward)
         outer = self.outer[0], (0.0, 2.0 * across), (2.0 * upward[0] - axis, 2.0 * upward[1] - axis)
         flat = tuple((x, (0.0, across), z) for x, _, z in self.slab)
-        inner = (*flat, *self._core, *self.upper, *self.lower)
-        return planes_of(outer, inner, self.line_height)
+        return planes_of(outer, (*flat, *self._core, *channels), self.line_height)
 
     def changed(self, *, wall_factor: float, erosion: float) -> Self:
         """Return the segment with thicker or thinner walls and faces eroded [–, mm]."""
@@ -282,5 +220,5 @@ class SegmentGeometry:
 
     def record(self) -> dict[str, object]:
         """Return all that a solution depends on, as written and hashed."""
-        layer = constraint_record(self.constraint, self.dimensions)
-        return asdict(self) | {"kind": self.dimensions.kind, "constraint": layer}
+        own = {"kind": self.dimensions.kind, "constraint": self.constraint_record}
+        return asdict(self) | own

@@ -145,31 +145,13 @@ def derivatives(
 ) -> Floats:
     """Return derivatives of outputs by the inputs, shape (n_outputs, n_inputs).
 
-    Parameters
-    ----------
-    problem : Problem
-        Problem of the equilibrium.
-    solver : Factorization
-        Holds the factors of a tangent at, or next to, the state.
-    state : MechanicalState
-        An equilibrium.
-    rate : MechanicalState
-        d(state)/d(load) there, the adjoint of the cavity volume: K λ = ∂V/∂u is the effect of the
-        pressure.
-    factors : Linearisation
-        That tangent's linearisation.
-    readings, gradients : arrays, shapes (n_outputs,) and (n_outputs, n_nodes, 3)
-        From ``outputs.read_with_gradients``.
-    shapes : sequence of Variation
-        Variations of ``SHAPE_INPUTS``.
-    enough : float
-        Relative correction of an adjoint at convergence.
-
-    Returns
-    -------
-    array
-        Columns in the order of ``INPUTS``, nan where the geometry cannot vary; outputs depend
-        directly on the shape only.
+    The solver holds the factors of a tangent at, or next to, the equilibrium; ``factors`` is that
+    tangent's linearisation. ``rate`` is d(state)/d(load), the adjoint of the cavity volume: K λ =
+    ∂V/∂u is the effect of the pressure. ``readings`` (n_outputs,) and ``gradients`` (n_outputs,
+    n_nodes, 3) come from ``outputs.read_with_gradients``, ``shapes`` are the variations of
+    ``SHAPE_INPUTS``, and ``enough`` is the relative correction of an adjoint at convergence.
+    Columns are in the order of ``INPUTS``, nan where the geometry cannot vary; outputs depend
+    directly on the shape only.
     """
     others = np.delete(gradients, VOLUME, axis=0)
     adjoints = adjoint_states(
@@ -200,12 +182,7 @@ def reaction_derivatives(
     F = vᵀR with v = 1 up at these nodes, so that dF/dm = μᵀ ∂R/∂m, with μ = v there and K μ = 0 at
     the unknowns: the response of the body to lifting them.
 
-    Parameters
-    ----------
-    problem, solver, state, factors, shapes, enough
-        As in `derivatives`.
-    held : array
-        Nodes held in z.
+    ``held`` are the nodes held in z; the other arguments are those of `derivatives`.
     """
     lifted = np.zeros_like(problem.system.body.nodes)
     lifted[held, 2] = 1.0
@@ -239,7 +216,7 @@ def adjoint_states(
     soft motions of the body. The corrections decrease by a constant ratio, so the next is predicted
     from the last two; iteration ends when that changes less than ``enough``.
     """
-    right = np.column_stack([problem.on_free(g) for g in gradients])
+    right = np.column_stack([problem.system.on_free(g) for g in gradients])
     fields = [problem.system.expand(column) for column in solver.solve(right).T]
     adjoints = [MechanicalState(u, problem.pressure_increment(factors, u), 0.0) for u in fields]
     before, sizes = np.ones(len(fields)), np.array([_largest(field) for field in fields])
@@ -269,19 +246,7 @@ def combined(
     With X the approximate adjoints as columns and G the right-hand sides, λ = X (1 + c), where
     (Xᵀ K X) c = Xᵀ (G − K X).
 
-    Parameters
-    ----------
-    adjoints : sequence of MechanicalState
-        X.
-    products : sequence of pairs
-        K X, from ``Problem.products``.
-    gradients : array, shape (n_adjoints, n_nodes, 3)
-        G.
-
-    Returns
-    -------
-    adjoints, products : lists
-        λ and K λ.
+    Given are X, K X from ``Problem.products``, and G (n_adjoints, n_nodes, 3); returned λ and K λ.
     """
     parts = (
         np.stack([adjoint.displacement for adjoint in adjoints]),
@@ -318,7 +283,7 @@ def residual_rates(problem: Problem, state: MechanicalState) -> Floats:
     placed = body.nodes + state.displacement
     bricks = np.ones(len(body.elements), dtype=bool)
     by_layer = np.zeros_like(body.nodes)
-    if problem.layer is not None and body.layer is not None:
+    if problem.layer is not None:
         bricks = ~body.layer
         relative = _rates_of(problem, state, body.layer, np.ones_like(body.weights))[3]
         by_layer = relative / problem.layer.c1

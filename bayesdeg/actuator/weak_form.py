@@ -62,6 +62,7 @@ Rate = Callable[[Floats], Floats]
 
 DEGREE = 2 * QUADRATIC.order + 1  # of polynomials that the quadrature is exact for
 MISPLACED = 1e-9  # mm: more than rounding
+SMALL = 1e-2  # of q/s: below it use a series, as differences lose digits
 
 
 @LinearForm
@@ -289,25 +290,15 @@ class PaperLaw:
         square = np.maximum(ddot(Q, E), 0.0)
         if self.slack == 0.0:
             return L, Q, np.ones_like(square), np.zeros_like(square)
-        share, steepness = _taken_up(np.sqrt(square) / self.slack)
+        # of x = q/s: f = 1 − tanh(x)/x, and f'(x)/x
+        x = np.sqrt(square) / self.slack
+        y, z = np.minimum(x, SMALL) ** 2, np.maximum(x, SMALL)
+        t = np.tanh(z)
+        series = y / 3.0 - 2.0 * y**2 / 15.0 + 17.0 * y**3 / 315.0
+        slope = 2.0 / 3.0 - 8.0 * y / 15.0 + 34.0 * y**2 / 105.0
+        share = np.where(x < SMALL, series, 1.0 - t / z)
+        steepness = np.where(x < SMALL, slope, (t / z - 1.0 + t**2) / z**2)
         return L, Q, share, steepness / self.slack**2
-
-
-SMALL = 1e-2  # of q/s: below it use a series, as differences lose digits
-
-
-def _taken_up(x: Floats) -> tuple[Floats, Floats]:
-    """Return f = 1 − tanh(x)/x and f'(x)/x."""
-    y = np.minimum(x, SMALL) ** 2
-    z = np.maximum(x, SMALL)
-    t = np.tanh(z)
-    series = y / 3.0 - 2.0 * y**2 / 15.0 + 17.0 * y**3 / 315.0
-    slope = 2.0 / 3.0 - 8.0 * y / 15.0 + 34.0 * y**2 / 105.0
-    small = x < SMALL
-    return (
-        np.where(small, series, 1.0 - t / z),
-        np.where(small, slope, (t / z - 1.0 + t**2) / z**2),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +341,9 @@ class Spaces:
         if np.abs(displacement.doflocs.T - body.nodes).max() > MISPLACED:  # bent bricks
             curved = replace(MeshHex2.from_mesh(mesh), doflocs=np.ascontiguousarray(body.nodes.T))
             displacement = Basis(curved, ElementHex2(), intorder=DEGREE)
-        _check_places(body, displacement)
+        same = np.array_equal(displacement.element_dofs.T, body.elements)
+        if not same or np.abs(displacement.doflocs.T - body.nodes).max() > MISPLACED:
+            raise ValueError("the weak form needs nodes in scikit-fem's order")
         pressure = displacement.with_element(ElementHexLinear())
         return cls(
             displacement,
@@ -359,12 +352,6 @@ class Spaces:
             on_faces(displacement, body.paper),
             sp.csr_array(mass.elemental(pressure).inverse().tocsr()),
         )
-
-
-def _check_places(body: Body, basis: Basis) -> None:
-    same = np.array_equal(basis.element_dofs.T, body.elements)
-    if not same or np.abs(basis.doflocs.T - body.nodes).max() > MISPLACED:
-        raise ValueError("the weak form needs nodes in scikit-fem's order")
 
 
 def on_faces(basis: Basis, faces: NDArray[np.int64]) -> FacetBasis:
@@ -421,14 +408,9 @@ def by_gradient(rate: Rate) -> Floats:
 
     The axes of k and L come before those of elements and points.
     """
-    columns = [[rate(_one_entry(k, j)) for j in range(3)] for k in range(3)]
+    entries = np.eye(9).reshape(3, 3, 3, 3, 1, 1)
+    columns = [[rate(entries[k, j]) for j in range(3)] for k in range(3)]
     return np.moveaxis(np.array(columns), (0, 1), (-4, -3))
-
-
-def _one_entry(row: int, column: int) -> Floats:
-    H = np.zeros((3, 3, 1, 1))
-    H[row, column] = 1.0
-    return H
 
 
 @dataclass(frozen=True, eq=False)
@@ -506,15 +488,15 @@ class WeakForm:
         return sp.csr_array(rigidity * self.system.bending[order][:, order])
 
     def linearise(self, state: MechanicalState, *, tangent: bool = True) -> Linearisation:
-        """Return residual and tangent at a state.
-
-        The residual is the internal force minus the loads', with the volume equation condensed
-        element by element; the tangent is symmetric since the cavity is closed. Without it the
-        equations are only evaluated: neither couplings nor a condensed residual.
-        """
+        """Return residual and tangent at a state, see `DiscreteEquations`."""
         at, p = self._in_body(state)
-        coupling = self._coupling(at) if tangent else None
-        excess = asm(load, self.spaces.pressure, density=at.J - 1.0 - p / self.material.bulk_ratio)
+        spaces, coupling = self.spaces, None
+        if tangent:  # B: ∫ q cof F : ∇u, unknowns component by component
+            rows = [
+                asm(flow, spaces.displacement, spaces.pressure, density=row) for row in at.cofactor
+            ]
+            coupling = sp.csr_array(sp.hstack(rows))
+        excess = asm(load, spaces.pressure, density=at.J - 1.0 - p / self.material.bulk_ratio)
         lin = Linearisation(
             residual=NOTHING,
             tangent=NOTHING if coupling is None else self._tangent(state, coupling),
@@ -542,11 +524,6 @@ class WeakForm:
     def _has_paper(self) -> bool:
         return self.material.paper_group > 0.0
 
-    def _coupling(self, at: Deformation) -> sp.csr_array:
-        """B: ∫ q cof F : ∇u, unknowns component by component."""
-        u, p = self.spaces.displacement, self.spaces.pressure
-        return sp.csr_array(sp.hstack([asm(flow, u, p, density=row) for row in at.cofactor]))
-
     def _force(self, state: MechanicalState) -> Floats:
         """Return the forces of body stress, weight, gas pressure, membrane and paper bending."""
         spaces = self.spaces
@@ -572,14 +549,11 @@ class WeakForm:
             F = self._on_paper(state)
             stiff = by_gradient(lambda H: self._paper.stress_rate(F, H))
             parts += [assembled_stiffness(spaces.paper, stiff), self._bending]
-        return self._stored(sp.csr_array(sum(parts)))
-
-    def _stored(self, matrix: sp.csr_array) -> Floats:
-        """Return the entries in the system's pattern of the upper triangle."""
+        matrix = sp.csr_array(sum(parts))
+        matrix.sum_duplicates()
         upper, free = self.system.upper, self.system.free
         places = free % 3 * len(self.system.body.nodes) + free // 3
         rows = np.repeat(places, np.diff(upper.indptr))
-        matrix.sum_duplicates()
         return np.asarray(matrix[rows, places[upper.indices]], dtype=np.float64)
 
     @property
@@ -590,59 +564,36 @@ class WeakForm:
     def products(
         self, state: MechanicalState, directions: Sequence[MechanicalState]
     ) -> list[tuple[Floats, Floats]]:
-        """Return the mixed problem's tangent applied to directions, as forms linear in v and q.
-
-        Returns
-        -------
-        list of pairs
-            Rate of the uncondensed residual, a rate of the load included, (n_nodes, 3); and rate
-            of the volume residual, (n_elements, n_modes).
-        """
-        return [
-            (self._force_rate(state, along), self._volume_rate(state, along))
-            for along in directions
-        ]
-
-    def _force_rate(self, state: MechanicalState, along: MechanicalState) -> Floats:
-        spaces, (at, p), u = self.spaces, self._in_body(state), along.displacement
-        p_rate = np.asarray(spaces.pressure.interpolate(along.pressure.ravel()))
-        stress = self._solid.stress_rate(at, p, gradient(spaces.displacement, u))
-        force = assembled_force(spaces.displacement, stress + p_rate * at.cofactor)
-        turned = self._on_wall(state).cofactor_rate(gradient(spaces.cavity, u))
-        force += state.load * assembled_load(spaces.cavity, on_normal(turned, spaces.cavity))
-        force -= along.load * self.cavity_gradient(state)
-        if self._has_paper:
-            change = self._paper.stress_rate(self._on_paper(state), gradient(spaces.paper, u))
-            force += assembled_force(spaces.paper, change)
-            force += _by_nodes(self._bending @ _by_components(u))
-        return force
-
-    def _volume_rate(self, state: MechanicalState, along: MechanicalState) -> Floats:
-        spaces, (at, _) = self.spaces, self._in_body(state)
-        p_rate = np.asarray(spaces.pressure.interpolate(along.pressure.ravel()))
-        growth = ddot(at.cofactor, gradient(spaces.displacement, along.displacement))
-        rate = asm(load, spaces.pressure, density=growth - p_rate / self.material.bulk_ratio)
-        return np.asarray(rate, dtype=np.float64).reshape(along.pressure.shape)
+        """Return the mixed problem's tangent applied to directions, as forms linear in v and q."""
+        spaces, (at, p), wall = self.spaces, self._in_body(state), self._on_wall(state)
+        found = []
+        for along in directions:
+            u = along.displacement
+            slope = gradient(spaces.displacement, u)
+            p_rate = np.asarray(spaces.pressure.interpolate(along.pressure.ravel()))
+            stress = self._solid.stress_rate(at, p, slope)
+            force = assembled_force(spaces.displacement, stress + p_rate * at.cofactor)
+            turned = wall.cofactor_rate(gradient(spaces.cavity, u))
+            force += state.load * assembled_load(spaces.cavity, on_normal(turned, spaces.cavity))
+            force -= along.load * self.cavity_gradient(state)
+            if self._has_paper:
+                change = self._paper.stress_rate(self._on_paper(state), gradient(spaces.paper, u))
+                force += assembled_force(spaces.paper, change)
+                force += _by_nodes(self._bending @ _by_components(u))
+            density = ddot(at.cofactor, slope) - p_rate / self.material.bulk_ratio
+            rate = np.asarray(asm(load, spaces.pressure, density=density), dtype=np.float64)
+            found.append((force, rate.reshape(along.pressure.shape)))
+        return found
 
     def condensed(self, force: Floats, volume_residual: Floats, factors: Linearisation) -> Floats:
-        """Return f + K Bᵀ M⁻¹ r on the free unknowns: the volume equation is eliminated.
-
-        ``factors`` gives B; it is the linearisation whose tangent is factorized.
-        """
+        """Return f + K Bᵀ M⁻¹ r on the free unknowns."""
         push = factors.coupling.T @ (self._compliance @ volume_residual.ravel())
-        return self.on_free(force + _by_nodes(push))
-
-    def on_free(self, field: Floats) -> Floats:
-        """Return the values of a field (n_nodes, 3) that belong to unknowns."""
-        return field.ravel()[self.system.free]
+        return self.system.on_free(force + _by_nodes(push))
 
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
     ) -> Floats:
-        """Return the pressure increments that go with a displacement increment.
-
-        δp = K M⁻¹ (B δu + r); without ``volume_residual`` r = 0, as for derivatives along a path.
-        """
+        """Return δp = K M⁻¹ (B δu + r)."""
         shape = factors.volume_residual.shape
         volume = factors.coupling @ _by_components(displacement)
         if volume_residual is not None:

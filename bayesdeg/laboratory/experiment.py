@@ -5,6 +5,7 @@ Causes are applied as in `bayesdeg.inference.model`, but to the truth.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -78,10 +79,6 @@ def _specimens(prefix: str) -> pd.DataFrame:
     )
 
 
-def _actuators() -> pd.DataFrame:
-    return _specimens("A").merge(pd.DataFrame({"pressure_kPa": PRESSURES}), how="cross")
-
-
 def _tensile() -> pd.DataFrame:
     share = LARGEST_SHARE * np.arange(1, STRETCH_POINTS + 1) / STRETCH_POINTS
     points = pd.DataFrame(
@@ -94,10 +91,6 @@ def _moisture() -> pd.DataFrame:
     pairs = [(time, film) for time in TIMES for film in range(1, FILMS_A_TIME + 1)]
     names = [f"M{time:02d}-{film}" for time, film in pairs]
     return pd.DataFrame({"film_id": names, "time_h": [float(time) for time, _ in pairs]})
-
-
-def _shrinkage() -> pd.DataFrame:
-    return pd.DataFrame({"film_id": [f"S{film}" for film in range(1, SHRINKAGE_FILMS + 1)]})
 
 
 class Breaking(NamedTuple):
@@ -160,11 +153,19 @@ class Design:
     (216, 270, 18, 63)
     """
 
-    actuator: pd.DataFrame = field(default_factory=_actuators)
+    actuator: pd.DataFrame = field(
+        default_factory=lambda: _specimens("A").merge(
+            pd.DataFrame({"pressure_kPa": PRESSURES}), how="cross"
+        )
+    )
     tensile: pd.DataFrame = field(default_factory=_tensile)
     breaks: pd.DataFrame = field(default_factory=lambda: _specimens("F"))
     moisture: pd.DataFrame = field(default_factory=_moisture)
-    shrinkage: pd.DataFrame = field(default_factory=_shrinkage)
+    shrinkage: pd.DataFrame = field(
+        default_factory=lambda: pd.DataFrame(
+            {"film_id": [f"S{film}" for film in range(1, SHRINKAGE_FILMS + 1)]}
+        )
+    )
     mixture: Mixture = field(default_factory=Mixture)
     bend_angle: bool = True
     cavity_volume: bool = False
@@ -183,12 +184,6 @@ def design_of(study: Study) -> Design:
     Tests without a table in the study follow the default design; films of its tensile tests are
     also broken if it has no ``break.csv``. Specimens that burst get the readings that they would
     have had: those of the longest test that begins with theirs.
-
-    Parameters
-    ----------
-    study : Study
-        The study as read.
-
 
     Examples
     --------
@@ -209,7 +204,8 @@ def design_of(study: Study) -> Design:
         return chosen.assign(degradation_sd_pct=np.nan)
 
     pressures, force = ("pressure_kPa",), study.table(TIP_FORCES.name)
-    actuator, tensile = _actuators(), _tensile()
+    usual = Design()
+    actuator, tensile = usual.actuator, usual.tensile
     if study.actuator is not None:
         tests = [test for _, test in study.actuator.groupby("specimen_id", sort=False)]
         whole = pd.concat([_with_rest(test, tests) for test in tests], ignore_index=True)
@@ -223,7 +219,7 @@ def design_of(study: Study) -> Design:
         breaks = uniaxial.drop_duplicates("specimen_id").reset_index(drop=True)
     if force is not None:
         force = noted(TIP_FORCES.name, force, pressures, _CONDITIONS)
-    moisture, shrinkage = _moisture(), _shrinkage()
+    moisture, shrinkage = usual.moisture, usual.shrinkage
     if study.moisture is not None:
         moisture = study.moisture[["film_id", "time_h"]].reset_index(drop=True)
     if study.shrinkage is not None:
@@ -276,17 +272,7 @@ def weigh_moisture(
 
     The dry mass falls with the degradation rate by Eq. 6 of doi:10.3389/frobt.2021.760485.
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        ``film_id``, ``time_h``.
-    truth : Truth
-        Course of degradation, moisture and its scatter.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The columns of ``moisture.csv``.
+    From ``film_id`` and ``time_h`` to the columns of ``moisture.csv``.
     """
     z = generator.standard_normal((2, len(table)))
     time = table["time_h"].to_numpy(np.float64)
@@ -309,19 +295,7 @@ def weigh_shrinkage(
     A conditioned film contains as much water as undegraded films; the cured one had the volume
     :math:`V_1 = V_2/\alpha`, and has lost only water since.
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        ``film_id``.
-    truth : Truth
-        Volume ratio, moisture, and their scatter.
-    mixture : Mixture, optional
-        Poured mixture; default 2 : 1 : 8.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The columns of ``shrinkage.csv``.
+    From ``film_id`` to the columns of ``shrinkage.csv``; by default of the mixture 2 : 1 : 8.
     """
     z = generator.standard_normal((3, len(table)))
     mixture = mixture or Mixture()
@@ -451,10 +425,10 @@ class _Plan(NamedTuple):
 def inflate_actuators(
     table: pd.DataFrame,
     truth: Truth,
+    generator: np.random.Generator,
     *,
     effects: Sequence[HiddenEffect],
     forward: ForwardMap,
-    generator: np.random.Generator,
     breaking: Breaking = BY_STRETCH,
     cavity_volume: bool = False,
     batches: Sequence[str] = (),
@@ -471,12 +445,12 @@ def inflate_actuators(
         ``Design.actuator``.
     truth : Truth
         Material, scatter, reading errors.
+    generator : numpy.random.Generator
+        Random generator; the number of draws depends on the design only.
     effects : sequence of HiddenEffect
         Hidden effects, in the order of application.
     forward : ForwardMap
         The mechanics; its own standard error is not added.
-    generator : numpy.random.Generator
-        Random generator; the number of draws depends on the design only.
     breaking : Breaking
         Definition of the peak stretch.
     cavity_volume : bool
@@ -561,10 +535,10 @@ def _with_status(tested: _Tested) -> pd.DataFrame:
 def press_tips(
     table: pd.DataFrame,
     truth: Truth,
+    generator: np.random.Generator,
     *,
     effects: Sequence[HiddenEffect],
     forward: ForwardMap,
-    generator: np.random.Generator,
     breaking: Breaking = BY_STRETCH,
     batches: Sequence[str] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -586,7 +560,7 @@ def press_tips(
         ``Design.force``.
     forward : ForwardMap
         The mechanics, including ``tip_force``.
-    truth, effects, generator, breaking, batches
+    truth, generator, effects, breaking, batches
         As in `inflate_actuators`.
 
     Returns
@@ -644,19 +618,9 @@ def read_actuators(
 ) -> pd.DataFrame:
     """Read actuators bent by separate physics, up to their rupture.
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        As in `inflate_actuators`.
-    truth : Truth
-        Reading errors.
-    bent : Bent
-        Responses of the specimens, in order of first appearance in the table.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The columns of ``actuator.csv``.
+    ``table`` is as in `inflate_actuators`; of the truth only the reading errors count; ``bent`` has
+    the specimens in the order of first appearance in the table. Returned are the columns of
+    ``actuator.csv``.
     """
     plan = _plan(table, truth)
     reached = (np.cumsum(bent.burst, axis=1) - bent.burst == 0)[plan.mask]
@@ -845,37 +809,31 @@ def run_experiment(
         experiment replaces a real one.
     effects : sequence of HiddenEffect
         Effects hidden in actuators and in the stresses of films.
-
     """
     by_name = {hidden.cause.name: hidden for hidden in effects}
     ordered = tuple(by_name[c.name] for c in in_order(h.cause for h in by_name.values()))
-
     batches = batch_order(design.tensile, design.actuator)
 
-    def inflate(source: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
-        return inflate_actuators(
-            *(design.actuator, truth),
-            effects=ordered,
-            forward=forward,
-            generator=source,
-            breaking=design.breaking,
-            cavity_volume=design.cavity_volume,
-            batches=batches,
-        )
-
-    def press(source: np.random.Generator) -> tuple[pd.DataFrame, pd.DataFrame]:
-        assert design.force is not None
-        return press_tips(
+    inflate = partial(
+        inflate_actuators,
+        *(design.actuator, truth),
+        effects=ordered,
+        forward=forward,
+        breaking=design.breaking,
+        cavity_volume=design.cavity_volume,
+        batches=batches,
+    )
+    press = None
+    if design.force is not None:
+        press = partial(
+            press_tips,
             *(design.force, truth),
             effects=ordered,
             forward=forward,
-            generator=source,
             breaking=design.breaking,
             batches=batches,
         )
-
-    tips = None if design.force is None else press
-    return experiment_with(design, truth, inflate, generator, ordered, press=tips)
+    return experiment_with(design, truth, inflate, generator, ordered, press=press)
 
 
 def experiment_with(

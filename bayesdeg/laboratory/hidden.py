@@ -149,12 +149,7 @@ def parse_sets(text: str) -> Sets:
 def read_answers(content: bytes, file: str) -> tuple[HiddenAnswer, ...]:
     r"""Read a method's answers from CSV or JSON lines.
 
-    Parameters
-    ----------
-    content : bytes
-        The file.
-    file : str
-        Its name, for faults; the ending decides between JSON lines and CSV with `COLUMNS`.
+    ``file`` is its name, for faults; the ending decides between JSON lines and CSV with `COLUMNS`.
 
     Raises
     ------
@@ -178,12 +173,7 @@ def read_answers(content: bytes, file: str) -> tuple[HiddenAnswer, ...]:
 def read_truths(content: bytes, file: str) -> tuple[HiddenTruth, ...]:
     r"""Read the truths from JSON lines.
 
-    Parameters
-    ----------
-    content : bytes
-        The file.
-    file : str
-        Its name, for faults.
+    ``file`` is its name, for faults.
 
     Raises
     ------

@@ -298,10 +298,10 @@ def _shares(pairs: Sequence[Pair]) -> Iterator[ScoredShare]:
     """Yield the shares, whose names and meanings are those of ``score.json``."""
     caused = [(a, t) for a, t in pairs if t.hidden and not t.is_outside]
     single = [(a, t) for a, t in caused if len(t.hidden) == 1]
-    plain = [(a, t) for a, t in single if (_least(t) or 0.0) >= VISIBLE]
+    plain = [(a, t) for a, t in single if _least(t) >= VISIBLE]
     planted = [(a, t) for a, t in single if t.origin is Origin.PHYSICS]
     both = [(a, t) for a, t in caused if len(t.hidden) > 1]
-    shown = [(a, t) for a, t in both if (_least(t) or 0.0) >= VISIBLE]
+    shown = [(a, t) for a, t in both if _least(t) >= VISIBLE]
     none = [(a, t) for a, t in pairs if not t.hidden]
     outside = [(a, t) for a, t in pairs if t.is_outside]
     tested = [(a, t) for a, t in none if a.p_value is not None]
@@ -354,10 +354,9 @@ def _alone(answer: HiddenAnswer, truth: HiddenTruth) -> bool:
     return credit(answer, truth) == 1.0
 
 
-def _least(truth: HiddenTruth) -> float | None:
-    """Return the visibility of the weakest hidden effect; None if unknown."""
-    known = [size for size in truth.visible.values() if size is not None]
-    return min(known, default=None)
+def _least(truth: HiddenTruth) -> float:
+    """Return the visibility of the weakest hidden effect; 0 if unknown."""
+    return min((size for size in truth.visible.values() if size is not None), default=0.0)
 
 
 def _sizes(pairs: Sequence[Pair]) -> ScoredSizes | None:

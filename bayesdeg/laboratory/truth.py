@@ -433,7 +433,6 @@ def correlate_along(place: Floats, z: Floats, *, specimen: npt.ArrayLike, length
     length : float
         ℓ, in the unit of s; at 0 the normals are unchanged.
 
-
     Examples
     --------
     >>> at, z = np.array([0.0, 1e9]), np.array([1.0, 3.0])

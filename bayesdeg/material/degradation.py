@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bayesdeg.material.hyperelastic import FloatArray, Modes, yeoh_tangent_basis
+from bayesdeg.material.hyperelastic import FloatArray
 
 type BoolArray = npt.NDArray[np.bool_]
 
@@ -68,110 +68,6 @@ def satisfies_baker_ericksen(c1: npt.ArrayLike, c2: npt.ArrayLike, c3: npt.Array
     return np.asarray((c1 > 0.0) & (c3 >= 0.0) & stiffens)
 
 
-def smallest_positive_ratio(c3_over_c1: npt.ArrayLike) -> FloatArray:
-    """Return −√(3 C₃/C₁): C₂/C₁ must exceed it for dW/dI₁ > 0 at every strain.
-
-    Examples
-    --------
-    >>> smallest_positive_ratio([0.03, 0.12])
-    array([-0.3, -0.6])
-    """
-    return -np.sqrt(3.0 * np.asarray(c3_over_c1, dtype=np.float64))
-
-
-def smallest_monotone_ratio(
-    c3_over_c1: npt.ArrayLike, *, largest_stretch: float, mode: Modes, points: int = 2000
-) -> FloatArray:
-    r"""Return the smallest C₂/C₁ with which nominal stress never falls up to a stretch.
-
-    The slope of the nominal stress is linear in the constants, :math:`T_1 C_1 + T_2 C_2 + T_3 C_3`,
-    with T₂ > 0 above stretch 1, so the bound is
-
-    .. math:: \frac{C_2}{C_1} \ge \max_{1 < \lambda \le \lambda_{max}}
-        - \frac{T_1 + T_3 \, C_3 / C_1}{T_2}
-
-    Of the three modes equibiaxial tension is the strictest.
-
-    Parameters
-    ----------
-    c3_over_c1 : array_like
-        C₃/C₁ [–].
-    largest_stretch : float
-        Stretch up to which stress must rise [–], above 1.
-    mode : str
-        ``uniaxial``, ``equibiaxial`` or ``planar``.
-    points : int
-        Stretches examined; the error of the bound is quadratic in their spacing.
-
-    Returns
-    -------
-    ndarray
-        Smallest admissible C₂/C₁ [–], in the shape of the argument.
-
-    Raises
-    ------
-    ValueError
-        If the mode is unknown or the stretch is not above 1.
-
-    Examples
-    --------
-    >>> bound = smallest_monotone_ratio(0.01, largest_stretch=3.2, mode="equibiaxial")
-    >>> round(float(bound), 3)
-    -0.114
-    """
-    basis = yeoh_tangent_basis(_stretches(largest_stretch, points), mode)
-    ratio = np.asarray(c3_over_c1, dtype=np.float64)[..., np.newaxis]
-    bound: FloatArray = np.max(-(basis[:, 0] + ratio * basis[:, 2]) / basis[:, 1], axis=-1)
-    return bound
-
-
-def is_monotone(
-    c1: npt.ArrayLike,
-    c2: npt.ArrayLike,
-    c3: npt.ArrayLike,
-    *,
-    largest_stretch: float,
-    mode: Modes,
-    points: int = 200,
-) -> BoolArray:
-    """Return whether nominal stress rises all the way from stretch 1 to the largest.
-
-    Parameters
-    ----------
-    c1, c2, c3 : array_like
-        Yeoh's constants [MPa].
-    largest_stretch : float
-        Stretch up to which stress must rise [–], above 1.
-    mode : str
-        ``uniaxial``, ``equibiaxial`` or ``planar``.
-    points : int
-        Stretches examined.
-
-    Returns
-    -------
-    ndarray of bool
-
-    Raises
-    ------
-    ValueError
-        If the mode is unknown or the stretch is not above 1.
-
-    Examples
-    --------
-    >>> is_monotone(1.0, [-0.11, -0.12], 0.01, largest_stretch=3.2, mode="equibiaxial")
-    array([ True, False])
-    """
-    basis = yeoh_tangent_basis(_stretches(largest_stretch, points), mode)
-    constants = np.stack(np.broadcast_arrays(c1, c2, c3), axis=-1).astype(np.float64)
-    return np.asarray(np.all(constants @ basis.T > 0.0, axis=-1))
-
-
-def _stretches(largest_stretch: float, points: int) -> FloatArray:
-    if not largest_stretch > 1.0:
-        raise ValueError(f"the largest stretch must be above 1, not {largest_stretch!r}")
-    return np.linspace(1.0, largest_stretch, points + 1)[1:]
-
-
 type Nodes = tuple[float, ...]
 
 NODES: tuple[Nodes, ...] = (
@@ -181,6 +77,8 @@ NODES: tuple[Nodes, ...] = (
     (0.0, 25.0 / 3.0, 50.0 / 3.0, 25.0),
 )
 """Evenly spaced nodes of each order [%]."""
+STABILITY_LEVELS = 51
+"""Degradation rates at which stability is examined."""
 SMALLEST_SPACING = 1.0
 """Levels of degradation [%] closer than this count as one."""
 
@@ -218,7 +116,10 @@ def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
         raise ValueError(f"the order must be 0, 1, 2 or 3, not {order!r}")
     if levels.size == 0 or not np.all(np.isfinite(levels)):
         raise ValueError("at least one degradation level is needed, and all must be finite")
-    distinct = _count_distinct(levels)
+    distinct, start = 1, levels[0]
+    for level in levels:
+        if level - start >= SMALLEST_SPACING:
+            distinct, start = distinct + 1, level
     if distinct == 1:
         return (round(float(levels.mean()), 1),)
     return NODES[min(order, distinct - 1)]
@@ -228,7 +129,7 @@ LEVEL_WIDTH = 2.0  # degradation rates closer than this count as one level [%]
 
 
 def levels(
-    degradation: FloatArray, width: float = LEVEL_WIDTH
+    degradation: FloatArray,
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """Group degradation rates into nominal levels; return the levels and each specimen's index.
 
@@ -239,7 +140,7 @@ def levels(
     ([0.0, 5.05, 10.0], [0, 1, 1, 2])
     """
     order = np.argsort(degradation)
-    steps = np.diff(degradation[order]) > width
+    steps = np.diff(degradation[order]) > LEVEL_WIDTH
     member = np.empty(len(degradation), dtype=np.int64)
     member[order] = np.concatenate([[0], np.cumsum(steps)])
     centres = np.array([degradation[member == k].mean() for k in range(member.max() + 1)])
@@ -377,28 +278,10 @@ def yeoh_constants(
     r"""Return Yeoh's constants at D_R, each a polynomial in D_R.
 
     At the nodes :math:`C_2 = r \sqrt{3 C_1 C_3}`, so the material is stable there if r > −1 (see
-    `stability.satisfies_baker_ericksen`); between them see `is_stable`.
+    `satisfies_baker_ericksen`); between them see `is_stable`.
 
-    Parameters
-    ----------
-    c1_nodes, c3_nodes : array_like, shape (..., n_nodes)
-        C₁ and C₃ at the nodes [MPa], not negative.
-    c2_ratio_nodes : array_like, shape (..., n_nodes)
-        r at the nodes [–].
-    degradation : array_like
-        Degradation rate D_R [%]; shapes as in `polynomial`.
-    nodes : tuple of float
-        Distinct nodes [%].
-
-    Returns
-    -------
-    tuple of ndarray
-        C₁, C₂, C₃ [MPa].
-
-    Raises
-    ------
-    ValueError
-        If two nodes coincide or their number differs from that of the values.
+    C₁, C₃ [MPa], not negative, and r [–] at the nodes are (..., n_nodes); shapes and errors are
+    otherwise those of `polynomial`.
 
     References
     ----------
@@ -426,29 +309,10 @@ def is_stable(
     *,
     largest_degradation: float,
     nodes: Nodes,
-    points: int = 51,
 ) -> BoolArray:
     """Return whether C₁ > 0, C₃ > 0 and C₂ > −√(3 C₁ C₃) for every D_R from 0 to the largest.
 
-    Parameters
-    ----------
-    c1_nodes, c2_ratio_nodes, c3_nodes : array_like, shape (..., n_nodes)
-        As in `yeoh_constants`.
-    largest_degradation : float
-        Largest D_R to be evaluated [%].
-    nodes : tuple of float
-        Distinct nodes [%].
-    points : int
-        Levels examined.
-
-    Returns
-    -------
-    ndarray of bool, shape (...)
-
-    Raises
-    ------
-    ValueError
-        If two nodes coincide or their number differs from that of the values.
+    Arguments and errors as `yeoh_constants`.
 
     Examples
     --------
@@ -457,7 +321,7 @@ def is_stable(
     ... )
     array([ True])
     """
-    grid = np.linspace(0.0, largest_degradation, points)
+    grid = np.linspace(0.0, largest_degradation, STABILITY_LEVELS)
     c1, c2, c3 = yeoh_constants(c1_nodes, c2_ratio_nodes, c3_nodes, grid, nodes)
     return np.asarray(np.all((c3 > 0.0) & satisfies_baker_ericksen(c1, c2, c3), axis=-1))
 
@@ -504,14 +368,6 @@ def _other_nodes(nodes: Nodes) -> tuple[FloatArray, FloatArray]:
         raise ValueError(f"nodes must be distinct, got {nodes}")
     others = np.array([np.delete(places, i) for i in range(places.size)])
     return others, np.prod(places[:, np.newaxis] - others, axis=-1)
-
-
-def _count_distinct(levels: FloatArray) -> int:
-    count, start = 1, levels[0]
-    for level in levels:
-        if level - start >= SMALLEST_SPACING:
-            count, start = count + 1, level
-    return count
 
 
 class Controls(NamedTuple):

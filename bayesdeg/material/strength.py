@@ -1,8 +1,7 @@
 """Rupture: the elongation limit against D_R, its scatter between specimens, and the size effect.
 
-Elongation means λ − 1.  The scatter s is defined alike for all laws: the standard deviation of the
-log elongation (exact for the log-normal and Weibull laws, to first order for the normal one). All
-laws have the same median, so they can be compared at equal parameters.
+Elongation means λ − 1.  The scatter s is the standard deviation of the log elongation.  Both laws
+have the same median, so they can be compared at equal parameters.
 
 Break tests are uniaxial, walls are stretched along two axes, and no criterion is established for
 this material: those here coincide in uniaxial tension and differ elsewhere, the principal stretch
@@ -22,9 +21,9 @@ from numpy.typing import NDArray
 from bayesdeg.material.degradation import Nodes, polynomial
 from bayesdeg.material.hyperelastic import FloatArray, Yeoh
 
-type ScatterLaw = Literal["normal", "lognormal", "weibull"]
+type ScatterLaw = Literal["lognormal", "weibull"]
 
-SCATTER_LAWS: tuple[ScatterLaw, ...] = ("normal", "lognormal", "weibull")
+SCATTER_LAWS: tuple[ScatterLaw, ...] = ("lognormal", "weibull")
 GUMBEL = math.pi / math.sqrt(6.0)
 """Standard deviation of ln E, E exponential: Weibull's modulus times the scatter."""
 _LN_2 = math.log(2.0)
@@ -38,24 +37,8 @@ def limit_stretch(
 
     .. math:: \lambda_b(D_R) = 1 + \exp \sum_i w_i(D_R) \ln \varepsilon_i
 
-    Parameters
-    ----------
-    log_elongation_at_nodes : array_like, shape (..., n_nodes)
-        Logarithm of the median elongation at break ε = λ_b − 1 at the nodes [–].
-    degradation : array_like, shape (), (S,) or (..., S)
-        Degradation rate D_R [%].
-    nodes : tuple of float
-        Distinct nodes [%].
-
-    Returns
-    -------
-    ndarray, shape (...) or (..., S)
-        Above 1 always.
-
-    Raises
-    ------
-    ValueError
-        If two nodes coincide or their number differs from that of the values.
+    with ln ε the logarithm of the median elongation at the nodes. Above 1 always; shapes and errors
+    are those of `polynomial`.
 
     Examples
     --------
@@ -88,22 +71,21 @@ def log_survival(
 
     With the elongation relative to its median, :math:`r = (\lambda - 1) / (\lambda_b - 1)`:
 
-    .. math:: S = \Phi\!\left(\frac{1 - r}{s}\right), \quad
-        S = \Phi\!\left(-\frac{\ln r}{s}\right), \quad
+    .. math:: S = \Phi\!\left(-\frac{\ln r}{s}\right), \quad
         S = \exp(-r^m \ln 2), \; m = \frac{\pi}{\sqrt 6 \, s}
 
-    for the normal, log-normal and Weibull laws.  The normal law puts Φ(−1/s) below stretch 1.
+    for the log-normal and Weibull laws.
 
     Parameters
     ----------
     stretch : array_like
-        Uniaxial stretch, or its equivalent by `criteria` [–].
+        Uniaxial stretch, or its equivalent by a criterion [–].
     limit_median : array_like
         Median stretch at break λ_b [–], above 1.
     limit_scatter : array_like
         Relative scatter s of the elongation at break [–], above 0.
     law : str
-        ``normal``, ``lognormal`` or ``weibull``.
+        ``lognormal`` or ``weibull``.
 
     Returns
     -------
@@ -124,9 +106,13 @@ def log_survival(
     >>> round(float(np.exp(log_survival(3.1, 3.1, 0.05, "weibull"))), 3)
     0.5
     """
-    ratio, _, scatter = _relative(stretch, limit_median, limit_scatter, law)
-    if law == "normal":
-        return log_whole((ratio - 1.0) / scatter)
+    if law not in SCATTER_LAWS:
+        raise ValueError(f"unknown scatter law {law!r}; one of {', '.join(SCATTER_LAWS)}")
+    elongation = np.asarray(limit_median, dtype=np.float64) - 1.0
+    scatter = np.asarray(limit_scatter, dtype=np.float64)
+    if np.any(elongation <= 0.0) or np.any(scatter <= 0.0):
+        raise ValueError("the limit stretch must be above 1 and its scatter above 0")
+    ratio = (np.asarray(stretch, dtype=np.float64) - 1.0) / elongation
     with np.errstate(divide="ignore"):
         return log_whole(np.log(np.maximum(ratio, 0.0)) / scatter, law)
 
@@ -136,7 +122,7 @@ def log_whole(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatArray
 
     .. math:: \ln S = \ln \Phi(-z), \quad \ln S = -\ln 2 \, e^{\pi z / \sqrt 6}
 
-    for the log-normal (and normal) and for Weibull's law; both have their median at z = 0 and
+    for the log-normal and for Weibull's law; both have their median at z = 0 and
     standard deviation 1 of the score at break.
 
     Parameters
@@ -205,7 +191,7 @@ def score_density(score: npt.ArrayLike, law: ScatterLaw = "lognormal") -> FloatA
     """
     z = np.asarray(score, dtype=np.float64)
     if law != "weibull":
-        return _normal_log_density(z)
+        return -0.5 * np.square(z) - _LOG_ROOT_TWO_PI
     return math.log(GUMBEL * _LN_2) + GUMBEL * z + log_whole(z, law)
 
 
@@ -243,30 +229,6 @@ def _log_complement(logarithm: FloatArray) -> FloatArray:
         return np.asarray(np.log(-np.expm1(logarithm)))
 
 
-def log_density(
-    stretch: npt.ArrayLike,
-    limit_median: npt.ArrayLike,
-    limit_scatter: npt.ArrayLike,
-    law: ScatterLaw = "lognormal",
-) -> FloatArray:
-    """Return the log probability density of the stretch at break, that of `log_survival`.
-
-    Arguments and errors as `log_survival`; −∞ where no specimen can break.
-
-    Examples
-    --------
-    >>> round(float(log_density(3.1, 3.1, 0.05, "lognormal")), 3)
-    1.335
-    """
-    ratio, elongation, scatter = _relative(stretch, limit_median, limit_scatter, law)
-    if law == "normal":
-        return _normal_log_density((ratio - 1.0) / scatter) - np.log(scatter * elongation)
-    possible = ratio > 0.0
-    log_ratio = np.log(np.where(possible, ratio, 1.0))
-    density = score_density(log_ratio / scatter, law) - np.log(scatter * elongation) - log_ratio
-    return np.where(possible, density, -math.inf)
-
-
 def rupture_probability(
     demand_stretch: npt.ArrayLike,
     limit_median: npt.ArrayLike,
@@ -283,51 +245,6 @@ def rupture_probability(
     0.5
     """
     return -np.expm1(log_survival(demand_stretch, limit_median, limit_scatter, law))
-
-
-def weakest_link_limit(
-    limit_median: npt.ArrayLike, modulus: npt.ArrayLike, volume_ratio: npt.ArrayLike
-) -> FloatArray:
-    r"""Return the median stretch at break of a different volume under the same stretch.
-
-    A body of volume V is a chain of V/V₀ specimens and breaks at its weakest:
-    :math:`S_V = S_{V_0}^{V/V_0}`, for Weibull's law
-
-    .. math:: \lambda_{b,V} - 1 = (\lambda_b - 1) \left(\frac{V}{V_0}\right)^{-1/m}
-
-    Parameters
-    ----------
-    limit_median : array_like
-        Median stretch at break of the volume tested, V₀ [–], above 1.
-    modulus : array_like
-        Weibull's modulus m [–], see `weibull_modulus`.
-    volume_ratio : array_like
-        Volume under stretch over the volume tested, V/V₀ [–], above 0.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    ValueError
-        If a median is not above 1, or a modulus or volume ratio not above 0.
-
-    References
-    ----------
-    Weibull (1951), J. Appl. Mech. 18, 293; doi:10.1115/1.4010337.
-
-    Examples
-    --------
-    >>> float(weakest_link_limit(3.0, 10.0, 1024.0))
-    2.0
-    """
-    median, modulus, ratio = (
-        np.asarray(value, dtype=np.float64) for value in (limit_median, modulus, volume_ratio)
-    )
-    if np.any(median <= 1.0) or np.any(modulus <= 0.0) or np.any(ratio <= 0.0):
-        raise ValueError("the median stretch must be above 1, modulus and volume ratio above 0")
-    return 1.0 + (median - 1.0) * ratio ** (-1.0 / modulus)
 
 
 @dataclass(frozen=True)
@@ -564,22 +481,6 @@ _WIDEST, _HALVINGS = 12.0, 45
 3e-13."""
 
 
-def _relative(
-    stretch: npt.ArrayLike, limit_median: npt.ArrayLike, limit_scatter: npt.ArrayLike, law: str
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    if law not in SCATTER_LAWS:
-        raise ValueError(f"unknown scatter law {law!r}; one of {', '.join(SCATTER_LAWS)}")
-    elongation = np.asarray(limit_median, dtype=np.float64) - 1.0
-    scatter = np.asarray(limit_scatter, dtype=np.float64)
-    if np.any(elongation <= 0.0) or np.any(scatter <= 0.0):
-        raise ValueError("the limit stretch must be above 1 and its scatter above 0")
-    return (np.asarray(stretch, dtype=np.float64) - 1.0) / elongation, elongation, scatter
-
-
-def _normal_log_density(standard: FloatArray) -> FloatArray:
-    return -0.5 * np.square(standard) - _LOG_ROOT_TWO_PI
-
-
 type Criterion = Literal["principal_stretch", "cauchy_stress", "equivalent_strain", "strain_energy"]
 
 CRITERIA: tuple[Criterion, ...] = ("principal_stretch", "cauchy_stress", "equivalent_strain")
@@ -590,16 +491,8 @@ def wall_state(stretch: npt.ArrayLike, biaxiality: npt.ArrayLike) -> FloatArray:
 
     .. math:: (\lambda, \lambda^b, \lambda^{-1-b})
 
-    Parameters
-    ----------
-    stretch : array_like, shape (...)
-        Largest principal stretch λ [–].
-    biaxiality : array_like, shape (...)
-        b: −1/2 of uniaxial, 0 of planar, 1 of equibiaxial tension [–].
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
+    From the largest principal stretch λ and b: −1/2 of uniaxial, 0 of planar, 1 of equibiaxial
+    tension [–]; the three are on a new last axis.
 
     Examples
     --------
@@ -621,14 +514,7 @@ def energy_equivalent_stretch(stretches: npt.ArrayLike) -> FloatArray:
 
     by the trigonometric formula for three real roots of :math:`\lambda^3 - I_1 \lambda + 2`.
 
-    Parameters
-    ----------
-    stretches : array_like, shape (..., 3)
-        Principal stretches [–] whose product is 1.
-
-    Returns
-    -------
-    ndarray, shape (...)
+    ``stretches`` (..., 3) are principal stretches [–] whose product is 1.
 
     Examples
     --------
@@ -646,15 +532,7 @@ def hencky_equivalent_strain(stretches: npt.ArrayLike) -> FloatArray:
 
     .. math:: \varepsilon_{eq} = \sqrt{\tfrac23 \sum_i (\ln \lambda_i)^2}
 
-    Parameters
-    ----------
-    stretches : array_like, shape (..., 3)
-        Principal stretches [–] whose product is 1.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        ln λ in uniaxial tension [–].
+    It is ln λ in uniaxial tension [–]; ``stretches`` (..., 3) have a product of 1.
 
     Examples
     --------

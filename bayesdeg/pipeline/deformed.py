@@ -17,7 +17,7 @@ from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.equilibrium import follow
 from bayesdeg.actuator.families import with_dimensions
 from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.actuator.inputs import Inputs, dimensionless, material_groups
+from bayesdeg.actuator.inputs import Inputs, load_of, material_groups
 from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import build_mesh
@@ -210,7 +210,7 @@ def fitted_cases(fit: Fit) -> list[Case]:
     }
     loads, scale, c1 = (
         np.broadcast_to(values, (1, *shape))[0]
-        for values in (dimensionless(inputs)[0], inputs.linear_scale, inputs.c1)
+        for values in (load_of(inputs), inputs.linear_scale, inputs.c1)
     )
     return [
         Case(

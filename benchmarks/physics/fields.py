@@ -177,10 +177,6 @@ class FieldEquations:
         """Return a residual on the free unknowns, its volume equation eliminated."""
         return self.problem.condensed(force, volume_residual, factors)
 
-    def on_free(self, field: Floats) -> Floats:
-        """Return the values of a field that belong to unknowns."""
-        return self.problem.on_free(field)
-
     def pressure_increment(
         self, factors: Linearisation, displacement: Floats, volume_residual: Floats | None = None
     ) -> Floats:

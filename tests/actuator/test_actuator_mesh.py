@@ -133,8 +133,8 @@ def test_every_cavity_normal_points_into_material(gap):
 
 def test_solid_dividers_have_no_slot():
     with_slots, solid = (Geometry(Dimensions(gap=gap)) for gap in (2.0, 0.0))
-    assert len(with_slots.slots) == 4
-    assert solid.slots == ()
+    assert len(with_slots.voids) == 4
+    assert solid.voids == ()
     gaps = [b[0] - a[1] for a, b in zip(solid.chamber_spans, solid.chamber_spans[1:], strict=False)]
     np.testing.assert_allclose(gaps, 2.0 * solid.dimensions.chamber_wall)
 
@@ -144,7 +144,7 @@ def test_a_single_chamber_needs_no_channel():
     geometry = Geometry(Dimensions(chambers=1, channel_width=40.0))
     assert len(geometry.cavities) == 1
     assert geometry.chamber_length == pytest.approx(44.0)
-    assert geometry.slots == ()
+    assert geometry.voids == ()
 
 
 @pytest.mark.parametrize(

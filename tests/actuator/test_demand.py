@@ -23,11 +23,11 @@ from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.outputs import (
     OUTPUTS,
     PEAK_SHARE,
+    StrainFields,
     Stretches,
+    demands,
     equivalent_stretches,
-    largest_stretch,
     measured_strains,
-    principal_stretch,
     read_state,
     read_with_gradients,
     volume_quantile,
@@ -75,7 +75,7 @@ def test_equivalent_stretches_of_a_homogeneous_state_are_those_in_closed_form(st
     state = wall_state(stretch, b)
     f = np.diag(state)[None, None]
     value, slope = np.empty((1, 1)), f.copy()
-    largest_stretch(slope, value)
+    demands(slope, value, np.empty((1, 1)), np.empty((1, 1)))
     energy, difference = equivalent_stretches(f, Stretches(value, slope))
     assert float(energy.value[0, 0]) == pytest.approx(
         float(energy_equivalent_stretch(state)), abs=1e-7
@@ -109,7 +109,7 @@ def test_derivatives_of_all_readings_are_differences(solved):
 def test_weibull_strains_between_the_moduli_are_interpolated(solved, modulus):
     mesh, states = solved
     for state in states:
-        stretch, weights = principal_stretch(mesh.body, state).value, mesh.body.weights
+        stretch, weights = StrainFields.of(mesh.body, state).largest.value, mesh.body.weights
         strains = measured_strains(read_state(mesh, state).values)
         asked = inputs("weakest_link", (1,), weibull_modulus=np.array([modulus]))
         seen = strains[list(needed("weakest_link")), None]
@@ -164,7 +164,7 @@ def test_quantiles_of_equivalent_stretches_are_read(solved):
     f = np.eye(3) + np.einsum(
         "eai,eqaj->eqij", states[-1].displacement[mesh.body.elements], _gradients(mesh.body)
     )
-    energy, _ = equivalent_stretches(f, principal_stretch(mesh.body, states[-1]))
+    energy, _ = equivalent_stretches(f, StrainFields.of(mesh.body, states[-1]).largest)
     quantile = volume_quantile(energy.value, mesh.body.weights, PEAK_SHARE)
     strain = measured_strains(read_state(mesh, states[-1]).values)[
         MEASURES.index("peak_energy_stretch")

@@ -95,7 +95,7 @@ def test_tangent_grows_singular_towards_the_limit_point(thin_walled, ballooned, 
     for share in shares:
         state = equilibria(thin_walled, BALLOONING, (share * limit,), CLOSE).states[-1]
         solver.factorize(problem.linearise(state).tangent)
-        force = problem.on_free(problem.cavity_gradient(state))
+        force = problem.system.on_free(problem.cavity_gradient(state))
         growth.append(force @ solver.solve(force))
     solver.close()
     orders = np.diff(np.log(growth)) / np.diff(np.log(1.0 - shares))

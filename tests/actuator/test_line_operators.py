@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.line import OPERATORS, kappa_bend, read_line
-from bayesdeg.actuator.mesh import build_mesh
-from bayesdeg.actuator.outputs import read_bottom_line
-from bayesdeg.actuator.problem import MechanicalState
 from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, evenly, operator_ratio
-from bayesdeg.actuator.status import COARSE
-from bayesdeg.data.settings import Dimensions, parse_settings
+from bayesdeg.data.settings import parse_settings
 
 
 def arc(angle, count=30, length=50.0):
@@ -63,25 +58,6 @@ def test_circle_is_the_least_squares_fit():
 
     found = least_squares(distances, [0.0, -40.0, 40.0], xtol=1e-14, ftol=1e-14, gtol=1e-14)
     assert read_line(line, "circle").curvature == pytest.approx(1e3 / found.x[2], rel=1e-6)
-
-
-def test_end_faces_take_the_place_of_tangents():
-    line = bottom_lines().points[5]
-    bend = read_line(line, end_angle=0.2)
-    assert bend.angle == 0.2
-    assert bend.curvature == pytest.approx(200.0 / bend.arc_length)
-
-
-@pytest.mark.parametrize("operator", OPERATORS)
-def test_the_model_is_read_as_points_are(operator):
-    mesh = build_mesh(Geometry(Dimensions()), COARSE)
-    x = mesh.body.nodes[:, 0]
-    displacement = np.zeros_like(mesh.body.nodes)
-    displacement[:, 2] = -4e-3 * x**2
-    state = MechanicalState.__new__(MechanicalState)
-    object.__setattr__(state, "displacement", displacement)
-    points = (mesh.body.nodes + displacement)[mesh.bottom_line][:, (0, 2)]
-    assert read_bottom_line(mesh, state, operator) == read_line(points, operator)
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,8 @@ def test_the_slope_is_that_of_the_curve_and_the_map_hands_it_on():
     assert found.slope[0, 1] == pytest.approx(slope, rel=2e-3)
     asked = forward(replace(inputs([99.0, 100.0, 101.0]), asked="tip_force")).further
     np.testing.assert_array_equal(asked.value, found.value)
-    counted = forward.tip_force(inputs([100.0], reference_pressure=50.0)).value
+    over = replace(inputs([100.0], reference_pressure=50.0), asked="tip_force")
+    counted = forward(over).further.value
     zero = forward.tip_force(inputs([50.0, 100.0])).value
     # between the steps of its own path each curve is interpolated
     assert counted[0, 0] == pytest.approx(zero[0, 1] - zero[0, 0], rel=2e-3)

@@ -143,8 +143,8 @@ def test_the_tangent_is_the_derivative_of_the_residual(mesh):
     full.setdiag(upper.diagonal())
     still = replace(along, pressure=np.zeros_like(along.pressure))
     [(with_it, _)], [(without, _)] = (e.products(state, [still]) for e in (alone, problem))
-    assert full @ problem.on_free(still.displacement) == pytest.approx(
-        problem.on_free(with_it - without), abs=1e-9
+    assert full @ problem.system.on_free(still.displacement) == pytest.approx(
+        problem.system.on_free(with_it - without), abs=1e-9
     )
 
 

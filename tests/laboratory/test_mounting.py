@@ -269,9 +269,9 @@ def test_the_springs_are_in_the_tangent_as_in_the_products(whole):
     [(with_it, _)], [(without, _)] = (
         e.products(state, [along_state]) for e in (equations, problem)
     )
-    expected = problem.on_free(with_it - without)
+    expected = problem.system.on_free(with_it - without)
     assert np.abs(expected).max() > 0.01
-    assert full @ problem.on_free(along) == pytest.approx(expected, abs=1e-12)
+    assert full @ problem.system.on_free(along) == pytest.approx(expected, abs=1e-12)
     moved = MechanicalState(along, state.pressure, 0.0)
     force = equations.linearise(moved, tangent=False).force
     assert force - problem.linearise(moved, tangent=False).force == pytest.approx(

@@ -16,9 +16,7 @@ from bayesdeg.material.hyperelastic import (
     nominal_stress,
     power_sum,
     root_second_invariant_basis,
-    tangent,
     yeoh_basis,
-    yeoh_tangent_basis,
 )
 
 STRETCHES = np.linspace(0.7, 3.2, 26)
@@ -36,15 +34,6 @@ def test_basis_times_constants_is_the_stress(mode):
             rtol=1e-12,
             atol=1e-15,
         )
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_tangent_basis_times_constants_is_the_tangent(mode):
-    np.testing.assert_allclose(
-        yeoh_tangent_basis(STRETCHES, mode) @ CONSTANTS,
-        tangent(LAW, STRETCHES, mode=mode),
-        rtol=1e-12,
-    )
 
 
 @pytest.mark.parametrize("mode", MODES)

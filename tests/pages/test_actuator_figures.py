@@ -77,7 +77,7 @@ def solid_side():
     """Area of the section at y = 0 as moulded [mm²] and its moment about z = 0 [mm³]."""
     *chambers, (along, _, channel) = TWO_CHAMBERS.cavities
     dividers = [(along[0], along[1], *channel)]
-    dividers += [(x[0], x[1], z[0], z[1]) for x, _, z in (*chambers, *TWO_CHAMBERS.slots)]
+    dividers += [(x[0], x[1], z[0], z[1]) for x, _, z in (*chambers, *TWO_CHAMBERS.voids)]
     # the channel runs through the chambers, which are counted already
     twice = [(x[0], x[1], *channel) for x, _, _ in chambers]
     area, moment = LENGTH * HEIGHT, LENGTH * HEIGHT**2 / 2.0
