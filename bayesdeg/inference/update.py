@@ -100,7 +100,11 @@ def take_in(
         found = _refit(after, weights, generator, enough)
         if found.effective >= FEWEST:
             return Updated(found, Method.REFIT, weights)
-        return Updated(_about_mode(after, vectors, generator, enough), Method.MODE, weights)
+        best = vectors[int(np.argmax(after.log_prob(vectors)))]
+        found = about_mode(after, approximate(after, generator, start=best), generator)
+        if found.effective > 0.0:
+            found = _refit(after, found, generator, enough)
+        return Updated(found, Method.MODE, weights)
 
 
 def reweighted(
@@ -187,19 +191,9 @@ def _pooled(first: Evidence, second: Evidence) -> Evidence:
         np.concatenate([one.draws for one in samples]),
         np.concatenate(log_weights),
         sum(one.effective for one in samples),
-        np.concatenate([known for one in samples if (known := one.log_densities) is not None]),
+        np.concatenate([one.log_densities for one in samples]),
         pareto_k=float(np.nanmax([one.pareto_k for one in samples])),
     )
-
-
-def _about_mode(
-    after: JointModel, vectors: Floats, generator: np.random.Generator, enough: float
-) -> Evidence:
-    """Return an importance sample about the mode, searched from the most probable draw."""
-    density = after.log_prob(vectors)
-    laplace = approximate(after, generator, start=vectors[int(np.argmax(density))])
-    found = about_mode(after, laplace, generator)
-    return _refit(after, found, generator, enough) if found.effective > 0.0 else found
 
 
 def drawn_evenly(sample: Evidence, generator: np.random.Generator, count: int) -> NDArray[np.intp]:
