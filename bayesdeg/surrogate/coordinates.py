@@ -226,6 +226,12 @@ class Batch:
         loads = np.broadcast_to(load, shape).reshape(-1, columns)
         return cls(shape, loads, groups, within, scaled, warp[:, None])
 
+    @property
+    def row_shape(self) -> tuple[int, ...]:
+        """Shape of the rows: that of the inputs, with one column unless each point is a row."""
+        points = len(self.warp) == np.prod(self.shape)
+        return self.shape if points else (*self.shape[:-1], 1)
+
     def brought_inside(self, span: TrainingRange) -> tuple[Self, Floats]:
         """Return the batch with every group in its range, and how far outside each row was.
 

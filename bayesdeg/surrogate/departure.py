@@ -59,10 +59,9 @@ class Departure:
     limit_error: Floats
     further: tuple[Asked, ...] = ()
 
-    def away(self, dimensions: Mapping[str, Floats] | None, rows: tuple[int, ...]) -> Floats:
+    def away(self, given: Mapping[str, Floats], rows: tuple[int, ...]) -> Floats:
         """Return δ of given dimensions, 0 for others, (n_dimensions, n_rows)."""
         median, step, _, _ = self.ranges.T
-        given = dimensions or {}
         found = np.zeros((len(self.names), int(np.prod(rows))))
         for k, name in enumerate(self.names):
             if name in given:
