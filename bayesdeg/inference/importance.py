@@ -222,14 +222,7 @@ def about_mode(
 ) -> Evidence:
     """Return an importance sample of a posterior with known mode, `improved` if it is poor.
 
-    Parameters
-    ----------
-    density, laplace : Density, Laplace
-        What is sampled, and its mode.
-    generator : Generator
-        Draws the proposals.
-    enough : float
-        Effective draws wanted.
+    ``enough`` is the number of effective draws wanted.
     """
     found = evidence(density, laplace, generator, draws=MOST, enough=enough)
     if found.effective >= enough:
@@ -261,6 +254,8 @@ def improved(
     it; all draws are then weighted by the mixture of all these laws. If few draws carry the weight,
     weights are flattened before fitting, so that the law does not collapse onto those few.
 
+    The evidence is −inf where no draw is possible.
+
     Parameters
     ----------
     density : Density
@@ -269,17 +264,10 @@ def improved(
         Draws and weights to begin with; they serve the first fit alone.
     generator : Generator
         Draws the proposals.
-    draws : int
-        Of each round.
+    draws, rounds : int
+        Draws of each round, and most rounds.
     enough : float
         Effective draws at which no further round is made.
-    rounds : int
-        At most.
-
-    Returns
-    -------
-    Evidence
-        With −inf where no draw is possible.
 
     References
     ----------
@@ -312,18 +300,7 @@ def refitted(
     """Return an importance sample from the law fitted to draws of nearly the same posterior.
 
     The law is as wide as the draws, so far fewer proposals are wasted than by `improved`, which
-    searches for regions that draws have missed.
-
-    Parameters
-    ----------
-    density : Density
-        What is sampled.
-    posterior : Evidence
-        Draws and weights that the law is fitted to; flattened where few carry the weight.
-    generator : Generator
-        Draws the proposals.
-    draws : int
-        How many.
+    searches for regions that draws have missed. Weights are flattened where few draws carry them.
     """
     law = Proposal.fit(_flattened(posterior).resample(generator, FITTED))
     points, _ = law.independent(np.zeros((draws, len(density.table))), generator)

@@ -59,20 +59,8 @@ def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
 
     Levenberg–Marquardt steps with the best of several dampings, cut at the bounds; a parameter at
     its bound stays there, unless the density is higher further inside: one of two scatters has no
-    slope where it is zero.
-
-    Parameters
-    ----------
-    density : Density
-        Preferably `Factored`.
-    start : array, shape (n_parameters,)
-        Where to begin.
-
-    Returns
-    -------
-    mode : array, shape (n_parameters,)
-    covariance : array, shape (n_parameters, n_parameters)
-        Inverse of the information there.
+    slope where it is zero. Returns the mode, (n_parameters,), and the inverse of the information
+    there, (n_parameters, n_parameters).
 
     Examples
     --------
@@ -238,17 +226,8 @@ def derivatives(
 ) -> tuple[Floats, Floats]:
     """Return gradient and Hessian of the log density at a point, bounds of priors left out.
 
-    Differences are central, and one-sided where a neighbour is impossible.
-
-    Parameters
-    ----------
-    density : Density
-        What to differentiate.
-    point : array, shape (n_parameters,)
-        Where.
-    step : float or array, shape (n_parameters,)
-        Of the differences; where a neighbour is impossible, the distance between gradients, and
-        within a gradient a tenth of it.
+    Differences of this step, one or of each parameter, are central, and one-sided where a neighbour
+    is impossible: the step is then the distance between gradients, a tenth of it theirs.
     """
     steps = np.broadcast_to(np.asarray(step, dtype=np.float64), len(point))
     found = _from_pairs(density, point, steps)
@@ -417,15 +396,8 @@ class TwoPiece:
 def about(density: Density, mode: Floats, covariance: Floats) -> TwoPiece:
     """Return a proposal about a mode, its widths measured along each axis.
 
-    Parameters
-    ----------
-    density : Density
-        Looked at where each axis is followed for 1.5 to 6 standard deviations, or for less where a
-        bound is near.
-    mode : array, shape (n,)
-        Within the bounds of truncated priors.
-    covariance : array, shape (n, n)
-        Inverse of the information there.
+    Each axis is followed for 1.5 to 6 standard deviations, or for less where a bound is near. The
+    covariance is the inverse of the information at the mode.
     """
     low, high = bounds(density.table)
     bounded = np.isfinite(low) | np.isfinite(high)
@@ -551,14 +523,7 @@ def approximate(
 ) -> Laplace:
     """Return the Laplace approximation of a posterior.
 
-    Parameters
-    ----------
-    density : Density
-        What to approximate: a `Model`, a `CustomDensity`, or what offers the same.
-    generator : Generator
-        Draws starting points from the prior.
-    start : array, shape (n_parameters,), optional
-        A point near the mode; by default the best of 400 draws from the prior.
+    ``start``, shape (n_parameters,), is near the mode; by default the best of 400 prior draws.
     """
     if start is None:
         trials = guesses(density.table, generator, 400)
@@ -585,21 +550,8 @@ def evidence(
 ) -> Evidence:
     """Estimate the marginal likelihood, Z = E_q[p(θ, y)/q(θ)] with q a law of two-piece axes.
 
-    Parameters
-    ----------
-    density, laplace : Density, Laplace
-        What is sampled, and its mode.
-    generator : Generator
-        Draws the proposals.
-    draws : int
-        Largest number of draws.
-    enough : float
-        Effective draws at which drawing stops; proposals are drawn in rounds of `ROUND`.
-
-    Returns
-    -------
-    Evidence
-        With −inf where no draw is possible.
+    At most ``draws`` proposals are drawn, in rounds of `ROUND`, until ``enough`` are effective. The
+    evidence is −inf where no draw is possible.
     """
     proposal = about(density, laplace.mode, laplace.covariance)
     rounds: list[tuple[Floats, Floats, Floats]] = []
@@ -616,12 +568,7 @@ def evidence(
 
 
 def weighted(points: Floats, log_weights: Floats) -> Evidence:
-    """Return the importance sample of draws with these weights, p/q.
-
-    Returns
-    -------
-    Evidence
-        With −inf where no draw is possible.
+    """Return the importance sample of draws with these weights, p/q; −inf if none is possible.
 
     Examples
     --------

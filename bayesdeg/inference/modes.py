@@ -70,13 +70,6 @@ def tempered(density: Density, generator: np.random.Generator) -> tuple[Floats, 
     by (p/q)^(b' − b) from one power b of the density q^(1 − b) p^b to the next, resampled, and
     moved by differential evolution. Each step of b leaves half of the effective draws.
 
-    Parameters
-    ----------
-    density : Density
-        p.
-    generator : Generator
-        Source of randomness.
-
     Raises
     ------
     BayesdegError
@@ -218,21 +211,7 @@ def find_modes(
     starts: int = STARTS,
     executor: Executor | None = None,
 ) -> Modes:
-    """Find separate modes and their shares.
-
-    Parameters
-    ----------
-    density : Density
-        Posterior up to a constant.
-    generator : Generator
-        Draws starts and the population.
-    known : sequence of Laplace
-        Modes that are known already.
-    starts : int
-        Climbs.
-    executor : Executor, optional
-        Runs the climbs side by side.
-    """
+    """Find separate modes and their shares, climbing from ``starts`` and from ``known`` modes."""
     apply = map if executor is None else executor.map
     climbs = apply(partial(_climb, density), dispersed(density, generator, starts))
     tops = separate(density, [*known, *climbs])
@@ -352,17 +331,15 @@ def _mixture(
 ) -> Evidence:
     """Sample all modes by a mixture with one law per mode and equal shares of draws."""
     member = nearest(population, tops)
-    laws = [_law(population[member == k], top, generator) for k, top in enumerate(tops)]
-    size = population.shape[1]
+    size, laws = population.shape[1], []
+    for k, top in enumerate(tops):
+        points = population[member == k]
+        if len(points) < max(FEWEST, 2 * size):
+            factor = np.linalg.cholesky(top.covariance)
+            points = top.mode + generator.standard_normal((PARTICLES, size)) @ factor.T
+        laws.append(Proposal.fit(points))
     draws = [law.independent(np.zeros((PARTICLES, size)), generator)[0] for law in laws]
     points = np.concatenate(draws)
     each = [log_density(law, points) for law in laws]
     mixture = logsumexp(each, axis=0) - np.log(len(laws))
     return weighted(points, density.log_prob(points) - mixture)
-
-
-def _law(points: Floats, top: Laplace, generator: np.random.Generator) -> Proposal:
-    if len(points) >= max(FEWEST, 2 * points.shape[1]):
-        return Proposal.fit(points)
-    factor = np.linalg.cholesky(top.covariance)
-    return Proposal.fit(top.mode + generator.standard_normal((PARTICLES, len(factor))) @ factor.T)

@@ -79,10 +79,8 @@ def take_in(
     ----------
     before, after : JointModel
         The same parameters and priors; the second has the further readings.
-    vectors : array, shape (n, n_parameters)
-        Draws of the posterior before.
-    densities : array, shape (n,)
-        Their log densities before.
+    vectors, densities : array, shape (n, n_parameters) and (n,)
+        Draws of the posterior before, and their log densities.
     specimens : iterable of str
         Those of which there are further readings.
     generator : Generator
@@ -122,18 +120,9 @@ def reweighted(
     .. math:: \ln w = \sum_s \ln p(y_s, y'_s \mid \theta) - \ln p(y_s \mid \theta)
 
     A specimen's readings share its deviation of stiffness, hence further ones y' of an earlier
-    specimen are evaluated together with its earlier ones y.
-
-    Parameters
-    ----------
-    before, after, vectors, densities, specimens
-        As of `take_in`.
-
-    Returns
-    -------
-    Evidence
-        Its largest weights smoothed, with the shape of their tail; ``log_evidence`` is that of the
-        further readings given the earlier ones [nats].
+    specimen are evaluated together with its earlier ones y. The largest weights are smoothed; the
+    evidence is that of the further readings given the earlier ones [nats]. The arguments are those
+    of `take_in`.
     """
     chosen = frozenset(specimens)
     values = after.table.named(vectors)

@@ -143,25 +143,10 @@ def _words_of_group(
 def curvature_gradient(
     inputs: Inputs, batch: Batch, allowed: Flags, terms: Terms, span: TrainingRange
 ) -> dict[str, Floats]:
-    """Return derivatives of curvature times moulded length by every given field.
+    """Return derivatives of κ L by every given field [mm/m over its unit], L as moulded.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        Inputs without a reference pressure.
-    batch : Batch
-        Batch of the inputs, one row per point.
-    allowed : array of bool, shape (n_rows, 1)
-        Where the map is defined; elsewhere derivatives are nan.
-    terms : Terms
-        Terms whose first output is Y₀.
-    span : TrainingRange
-        Range of load and groups.
-
-    Returns
-    -------
-    dict of array
-        mm/m over the unit of the field.
+    The inputs have no reference pressure, and their batch one row per point. Derivatives are nan
+    where the map is not ``allowed``, (n_rows, 1). The first output of the terms is Y₀.
     """
     answered = allowed[:, 0]
     middle = 0.5 * (span.lower + span.upper)
