@@ -118,8 +118,7 @@ class Departure:
         found = evaluate(_of_outputs(self, places), batch.scaled, warped, phi)
         found = found.reshape(len(self.parts), len(places) + 2, *warped.shape)
         *values, by_load, by_phi = np.einsum("pr,porc->orc", sizes, found)
-        place = np.zeros(()) if phi is None else phi
-        growth = (warped + 1.0) * by_load - place * (1.0 - place) * by_phi
+        growth = (warped + 1.0) * by_load - phi * (1.0 - phi) * by_phi
         variance = np.square(self.error[:, list(places)]).T @ np.square(sizes)
         return Change(np.exp(np.stack(values)), growth, variance[..., None])
 

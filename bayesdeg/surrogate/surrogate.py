@@ -755,8 +755,7 @@ class Surrogate:
         phi = batch.phi(loads)
         y, by_load, by_phi = evaluate(_along_load(trained.terms), batch.scaled, warped, phi)
         log_error = evaluate(trained.error, batch.scaled, warped, phi)[0]
-        place = np.zeros(()) if phi is None else phi
-        growth = 1.0 + (warped + 1.0) * by_load - place * (1.0 - place) * by_phi
+        growth = 1.0 + (warped + 1.0) * by_load - phi * (1.0 - phi) * by_phi
         known = np.where(allowed, loads * rows.stretching[:, None], np.nan)
         if away is not None and self.departure is not None:
             at = len(OUTPUTS) + len(MEASURES) + self.departure.further.index(inputs.asked)

@@ -325,7 +325,7 @@ BLOCK = 32  # rows
 N_CHEBYSHEV_ROWS = len(MATERIAL)
 
 
-def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats | None) -> Floats:
+def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats) -> Floats:
     """Return sums of terms, shape (n_outputs, n_rows, n_columns).
 
     Parameters
@@ -336,16 +336,12 @@ def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats | None) -> F
         Scaled material and causes, in the order of ``NAMES``; load and slack are not read.
     loads : array, shape (n_rows, n_columns)
         Warped load on [−1, 1].
-    phi : array, shape (n_rows, n_columns), optional
-        Slack coordinate; 0 if not given.
+    phi : array, shape (n_rows, n_columns)
+        Slack coordinate.
     """
-    plan = active_plan(terms, rows, slack=phi is not None and bool(np.any(phi != 0.0)))
-    summed: Floats = _sum_terms(
-        rows[list(ROW_AXES)],
-        np.ascontiguousarray(loads),
-        np.zeros((1, 1)) if phi is None else np.ascontiguousarray(phi),
-        plan,
-    )
+    plan = active_plan(terms, rows, slack=bool(np.any(phi != 0.0)))
+    points, (loads, phi) = rows[list(ROW_AXES)], map(np.ascontiguousarray, (loads, phi))
+    summed: Floats = _sum_terms(points, loads, phi, plan)
     return summed[: len(terms.coefficients)]
 
 
