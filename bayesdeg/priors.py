@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol, override, runtime_checkable
+from typing import Protocol, override, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ type FloatArray = npt.NDArray[np.float64]
 type Size = int | tuple[int, ...] | None
 
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+_WHOLE_LINE, _POSITIVE = (-math.inf, math.inf), (0.0, math.inf)  # supports
 
 
 @runtime_checkable
@@ -24,8 +25,8 @@ class Distribution(Protocol):
     """A univariate probability distribution, vectorised over its arguments.
 
     The maps to and from the unconstrained scale follow from the support: x = z where it is the
-    whole line, x = exp(z) where it is (0, ∞), x = low + (high − low) / (1 + exp(−z)) where it is
-    bounded.  Only `TruncatedNormal` overrides them.
+    whole line, x = low + exp(z) or high − exp(−z) where one end is infinite, x = low +
+    (high − low) / (1 + exp(−z)) where it is bounded. A `TruncatedNormal` has x = z.
     """
 
     @property
@@ -60,22 +61,22 @@ class Distribution(Protocol):
 
     def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
         """Return z of x; ±inf on the bounds, nan outside the support."""
-        low, high = self.support
+        low, high = _transformed(self)
         x = np.asarray(x, dtype=float)
         with np.errstate(divide="ignore", invalid="ignore"):
-            if math.isinf(low):
-                return x
-            return np.log(x) if math.isinf(high) else np.log(x - low) - np.log(high - x)
+            if math.isinf(high):
+                return x if math.isinf(low) else np.log(x - low)
+            return -np.log(high - x) if math.isinf(low) else np.log(x - low) - np.log(high - x)
 
     def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
         """Return x of z."""
-        low, high = self.support
+        low, high = _transformed(self)
         z = np.asarray(z, dtype=float)
         with np.errstate(over="ignore", under="ignore"):
-            if math.isinf(low):
-                return z
             if math.isinf(high):
-                return np.exp(z)
+                return z if math.isinf(low) else low + np.exp(z)
+            if math.isinf(low):
+                return high - np.exp(-z)
             # compute from the nearer bound, so that rounding does not overstep it
             return np.where(
                 z < 0.0,
@@ -85,13 +86,19 @@ class Distribution(Protocol):
 
     def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
         """Return log |dx/dz|."""
-        low, high = self.support
+        low, high = _transformed(self)
         z = np.asarray(z, dtype=float)
-        if math.isinf(low):
-            return np.zeros_like(z)
         if math.isinf(high):
-            return z
+            return np.zeros_like(z) if math.isinf(low) else z
+        if math.isinf(low):
+            return -z
         return math.log(high - low) + scipy.special.log_expit(z) + scipy.special.log_expit(-z)
+
+
+def _transformed(law: Distribution) -> tuple[float, float]:
+    """Return the bounds that the unconstrained scale never reaches: those of most supports."""
+    is_linear = isinstance(law, TruncatedNormal | Choice)
+    return _WHOLE_LINE if is_linear else law.support
 
 
 def require_positive(value: float, name: str) -> None:
@@ -127,15 +134,11 @@ class Normal(Distribution):
 
     mean: float
     sd: float
+    support = _WHOLE_LINE
 
     def __post_init__(self) -> None:
         require_finite(self.mean, "mean")
         require_positive(self.sd, "sd")
-
-    @property
-    @override
-    def support(self) -> tuple[float, float]:
-        return -math.inf, math.inf
 
     @override
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
@@ -155,6 +158,7 @@ class StudentT(Distribution):
     mean: float
     sd: float
     dof: float
+    support = _WHOLE_LINE
 
     def __post_init__(self) -> None:
         require_finite(self.mean, "mean")
@@ -167,21 +171,13 @@ class StudentT(Distribution):
     def _scale(self) -> float:
         return self.sd * math.sqrt((self.dof - 2.0) / self.dof)
 
-    @cached_property
-    def _log_constant(self) -> float:
-        beta = math.lgamma(0.5 * (self.dof + 1.0)) - math.lgamma(0.5 * self.dof)
-        return beta - 0.5 * math.log(self.dof * math.pi) - math.log(self._scale)
-
-    @property
-    @override
-    def support(self) -> tuple[float, float]:
-        return -math.inf, math.inf
-
     @override
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        beta = math.lgamma(0.5 * (self.dof + 1.0)) - math.lgamma(0.5 * self.dof)
+        constant = beta - 0.5 * math.log(self.dof * math.pi) - math.log(self._scale)
         with np.errstate(over="ignore", under="ignore"):
             square = np.square((np.asarray(x, dtype=float) - self.mean) / self._scale)
-        return self._log_constant - 0.5 * (self.dof + 1.0) * np.log1p(square / self.dof)
+        return constant - 0.5 * (self.dof + 1.0) * np.log1p(square / self.dof)
 
     @override
     def quantile(self, u: npt.ArrayLike) -> FloatArray:
@@ -214,21 +210,20 @@ class TruncatedNormal(Distribution):
         require_positive(self.sd, "sd")
         if not self.low < self.high:
             raise ValueError(f"low must be below high, not {self.low!r} and {self.high!r}")
-        if not self._surely_some and not math.isfinite(self._log_mass):
+        low, high = self._standard_bounds
+        # mostly decided without special functions: they take a third of a second to import, and the
+        # catalogue contains such laws
+        surely_some = max(low, -high) < PLAINLY_NEAR and high - low > PLAINLY_WIDE
+        if not surely_some and not math.isfinite(self._log_mass):
             raise ValueError(f"no probability between {self.low!r} and {self.high!r}")
 
     @property
-    def _surely_some(self) -> bool:
-        """Whether there is probability between the bounds, decided without a special function.
-
-        Those take a third of a second to import, and the catalogue contains such laws.
-        """
-        low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
-        return max(low, -high) < PLAINLY_NEAR and high - low > PLAINLY_WIDE
+    def _standard_bounds(self) -> tuple[float, float]:
+        return (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
 
     @cached_property
     def _log_mass(self) -> float:
-        low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
+        low, high = self._standard_bounds
         if low > 0.0:
             low, high = -high, -low
         upper, lower = float(scipy.special.log_ndtr(high)), float(scipy.special.log_ndtr(low))
@@ -257,7 +252,7 @@ class TruncatedNormal(Distribution):
     @override
     def quantile(self, u: npt.ArrayLike) -> FloatArray:
         u = np.asarray(u, dtype=float)
-        low, high = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
+        low, high = self._standard_bounds
         # the normal law is accurate in its lower tail only, so mirror an upper tail
         sign = -1.0 if low > 0.0 else 1.0
         if sign < 0.0:
@@ -269,18 +264,6 @@ class TruncatedNormal(Distribution):
         standard = sign * scipy.special.ndtri_exp(log_cdf)
         return np.clip(self.mean + self.sd * standard, self.low, self.high)
 
-    @override
-    def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
-        return np.asarray(x, dtype=float)
-
-    @override
-    def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
-        return np.asarray(z, dtype=float)
-
-    @override
-    def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
-        return np.zeros_like(np.asarray(z, dtype=float))
-
 
 @dataclass(frozen=True)
 class LogNormal(Distribution):
@@ -288,15 +271,11 @@ class LogNormal(Distribution):
 
     median: float
     sigma: float
+    support = _POSITIVE
 
     def __post_init__(self) -> None:
         require_positive(self.median, "median")
         require_positive(self.sigma, "sigma")
-
-    @property
-    @override
-    def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
 
     @override
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
@@ -318,14 +297,10 @@ class HalfNormal(Distribution):
     """Distribution of |y| with y normal, mean zero and standard deviation sd; log transform."""
 
     sd: float
+    support = _POSITIVE
 
     def __post_init__(self) -> None:
         require_positive(self.sd, "sd")
-
-    @property
-    @override
-    def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
 
     @override
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
@@ -344,14 +319,10 @@ class HalfCauchy(Distribution):
     """Distribution of |y| where y is Cauchy about zero; `scale` is its median; log transform."""
 
     scale: float
+    support = _POSITIVE
 
     def __post_init__(self) -> None:
         require_positive(self.scale, "scale")
-
-    @property
-    @override
-    def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
 
     @override
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
@@ -450,18 +421,6 @@ class Choice(Distribution):
     def quantile(self, u: npt.ArrayLike) -> FloatArray:
         return self._about.quantile(u)
 
-    @override
-    def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
-        return self._about.to_unconstrained(x)
-
-    @override
-    def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
-        return self._about.from_unconstrained(z)
-
-    @override
-    def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
-        return self._about.log_jacobian(z)
-
     def settled(self, x: FloatArray) -> FloatArray:
         """Return the state for values near it, and others unchanged."""
         low, high = self.support
@@ -511,29 +470,6 @@ class Flat(Distribution):
     @override
     def quantile(self, u: npt.ArrayLike) -> FloatArray:
         raise ValueError("a flat law over an infinite range has no quantiles")
-
-    @override
-    def to_unconstrained(self, x: npt.ArrayLike) -> FloatArray:
-        x = np.asarray(x, dtype=float)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            if math.isfinite(self.low):
-                return np.log(x - self.low)
-            return -np.log(self.high - x) if math.isfinite(self.high) else x
-
-    @override
-    def from_unconstrained(self, z: npt.ArrayLike) -> FloatArray:
-        z = np.asarray(z, dtype=float)
-        with np.errstate(over="ignore", under="ignore"):
-            if math.isfinite(self.low):
-                return self.low + np.exp(z)
-            return self.high - np.exp(-z) if math.isfinite(self.high) else z
-
-    @override
-    def log_jacobian(self, z: npt.ArrayLike) -> FloatArray:
-        z = np.asarray(z, dtype=float)
-        if math.isfinite(self.low):
-            return z
-        return -z if math.isfinite(self.high) else np.zeros_like(z)
 
 
 __all__ = [
@@ -667,8 +603,16 @@ def law_from_mapping(mapping: Mapping[str, object]) -> Distribution:
     for key in required:
         if key not in arguments:
             raise ValueError(f"law {name!r} needs key {key!r}")
+    values = {}
+    for key, value in arguments.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"law {name!r}: {key} must be a number, not {value!r}")
+        if _LARGEST < abs(value) < math.inf:  # bounds may be infinite
+            limits = f"between −{_LARGEST:g} and {_LARGEST:g}"
+            raise ValueError(f"law {name!r}: {key} must be a number {limits}")
+        values[key] = float(value)
     try:
-        return law_class(**{key: _number(value, key) for key, value in arguments.items()})
+        return law_class(**values)
     except ValueError as fault:
         raise ValueError(f"law {name!r}: {fault}") from None
 
@@ -678,34 +622,12 @@ def _suggestion(word: str, known: list[str]) -> str:
     return f"did you mean {nearest[0]!r}?" if nearest else f"use one of {', '.join(known)}"
 
 
-def _number(value: object, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{key} must be a number, not {value!r}")
-    if _LARGEST < abs(value) < math.inf:  # bounds may be infinite
-        raise ValueError(f"{key} must be a number between −{_LARGEST:g} and {_LARGEST:g}")
-    return float(value)
-
-
-class _Together(NamedTuple):
-    """A law for several columns of vectors: one law, or laws of a class with array arguments."""
-
-    law: Distribution
-    columns: list[int]
-
-
 _STACKED = (Normal, TruncatedNormal, LogNormal, HalfNormal)
 """Laws that accept array arguments, as their scale depends only on their class."""
 
 
-def _together(laws: Sequence[Distribution]) -> tuple[_Together, ...]:
-    """Combine laws of a class: numpy's call overhead exceeds their computation."""
-    columns: dict[object, list[int]] = {}
-    for i, law in enumerate(laws):
-        columns.setdefault(type(law) if type(law) in _STACKED else i, []).append(i)
-    return tuple(_Together(_stack([laws[i] for i in of]), of) for of in columns.values())
-
-
 def _stack(laws: Sequence[Distribution]) -> Distribution:
+    """Return a law with array arguments for laws of one class; a single law unchanged."""
     first = laws[0]
     if len(laws) == 1 or not isinstance(first, _STACKED):
         return first
@@ -747,13 +669,21 @@ class ParameterTable:
         return len(self.parameters)
 
     @cached_property
-    def _together(self) -> tuple[_Together, ...]:
-        return _together([p.law for p in self.parameters])
+    def _laws(self) -> list[tuple[Distribution, list[int]]]:
+        """Laws with the columns that they are of, those of a class combined into one.
+
+        The overhead of a call of numpy exceeds the computation of a law.
+        """
+        columns: dict[object, list[int]] = {}
+        for i, parameter in enumerate(self.parameters):
+            kind = type(parameter.law)
+            columns.setdefault(kind if kind in _STACKED else i, []).append(i)
+        return [(_stack([self.parameters[i].law for i in of]), of) for of in columns.values()]
 
     def named(self, vectors: FloatArray) -> dict[str, FloatArray]:
         """Return values by name from vectors (..., n_parameters)."""
         found: dict[str, FloatArray] = dict.fromkeys(self.names, vectors)
-        for law, columns in self._together:
+        for law, columns in self._laws:
             values = law.from_unconstrained(vectors[..., columns])
             if isinstance(law, Choice):
                 values = law.settled(values)
@@ -787,7 +717,7 @@ class ParameterTable:
         The arguments are those of `log_prior`.
         """
         found = np.empty(vectors.shape)
-        for law, columns in self._together:
+        for law, columns in self._laws:
             z = vectors[..., columns]
             x = law.from_unconstrained(z)
             density = law.log_density(x) if truncate else law.untruncated_log_density(x)

@@ -134,16 +134,7 @@ def emulator_for(
 ) -> Surrogate | None:
     """Return the emulator of a study's geometry; train it if there is none, and refine it.
 
-    Parameters
-    ----------
-    study : Study
-        Without actuator readings none is needed.
-    given : Path, optional
-        A file made by ``bayesdeg emulate``.
-    options : TrainingOptions
-        Settings for training.
-    executor : Executor, optional
-        Runs the solutions.
+    Without actuator readings none is needed. ``given`` is a file made by ``bayesdeg emulate``.
 
     Raises
     ------
@@ -205,13 +196,7 @@ def _found_or_trained(
 
 
 def refuse_cells(settings: Settings, backend: Backend) -> None:
-    """Refuse tetrahedra for scikit-fem, whose weak form here is only for bricks.
-
-    Raises
-    ------
-    BayesdegError
-        If they are.
-    """
+    """Raise BayesdegError for tetrahedra in scikit-fem, whose weak form here is for bricks."""
     mould = settings.dimensions
     if backend is Backend.KERNELS or not isinstance(mould, MeshDimensions):
         return
@@ -387,13 +372,7 @@ def _refined(
 
 
 def train(campaign: Campaign, path: Path, options: TrainingOptions) -> Surrogate:
-    """Announce the time of a campaign, complete it, train the emulator and save it.
-
-    Raises
-    ------
-    Stopped
-        If the user declines or stops it.
-    """
+    """Announce the time of a campaign, complete it, train the emulator and save it."""
     surrogate = _worked(campaign, options, train_emulator)
     _keep([campaign], path, surrogate, options)
     return surrogate

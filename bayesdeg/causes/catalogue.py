@@ -10,21 +10,19 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.errors import BayesdegError
 
 
-def _discover() -> dict[str, Cause]:
-    modules = (
-        importlib.import_module(f"{bayesdeg.causes.__name__}.{entry.name}")
-        for entry in pkgutil.iter_modules(bayesdeg.causes.__path__)
-    )
-    found = [module.CAUSE for module in modules if hasattr(module, "CAUSE")]
-    return {cause.name: cause for cause in in_order(found)}
-
-
 def in_order(causes: Iterable[Cause]) -> tuple[Cause, ...]:
     """Return causes in the order in which they are applied: by stage, then by name."""
     return tuple(sorted(causes, key=lambda cause: (cause.stage, cause.name)))
 
 
-CATALOGUE: dict[str, Cause] = _discover()
+_MODULES = [
+    importlib.import_module(f"{bayesdeg.causes.__name__}.{entry.name}")
+    for entry in pkgutil.iter_modules(bayesdeg.causes.__path__)
+]
+CATALOGUE: dict[str, Cause] = {
+    cause.name: cause
+    for cause in in_order(module.CAUSE for module in _MODULES if hasattr(module, "CAUSE"))
+}
 
 
 def mechanism_of(name: str) -> str:

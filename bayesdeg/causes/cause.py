@@ -252,12 +252,8 @@ def scaled_stiffness(inputs: Inputs, factor: Floats) -> Inputs:
     )
 
 
-def always_visible(conditions: Conditions | FilmConditions) -> None:
-    """Return None: every test can reveal the cause."""
-
-
-def always_meaningful(study: Study) -> None:
-    """Return None: the cause has a meaning in every study."""
+def never_blind(given: Conditions | FilmConditions | Study) -> None:
+    """Return None: every test can reveal the cause, and it has a meaning in every study."""
 
 
 @dataclass(frozen=True)
@@ -325,20 +321,19 @@ class Cause:
     on_reading: Callable[[Any, Any, Effect], Any] | None = None
     on_stress: Callable[[Floats, FilmConditions, Effect, Floats], Floats] | None = None
     on_strength: Callable[[Strength, StrengthConditions, Effect], Strength] | None = None
-    blind: Callable[[Conditions], str | None] = always_visible
-    blind_in: Callable[[Study], str | None] = always_meaningful
-    blind_on_films: Callable[[FilmConditions], str | None] = always_visible
+    blind: Callable[[Conditions], str | None] = never_blind
+    blind_in: Callable[[Study], str | None] = never_blind
+    blind_on_films: Callable[[FilmConditions], str | None] = never_blind
 
     def qualified(self, parameter: str) -> str:
         """Return the parameter's name in a posterior: prefixed with that of the cause."""
         return f"{self.name}.{parameter}"
 
-    def effect(self, values: Mapping[str, Floats]) -> Effect:
-        """Pick this cause's parameters from named values of shape (walkers,)."""
-        return {
-            p.name: np.asarray(values[self.qualified(p.name)])[..., None, None]
-            for p in self.parameters
-        }
+    def effect(self, values: Mapping[str, Floats], *, axes: int = 2) -> Effect:
+        """Pick this cause's parameters from named values (walkers,), with trailing axes added."""
+        new = (1,) * axes
+        given = {p.name: np.asarray(values[self.qualified(p.name)]) for p in self.parameters}
+        return {name: value.reshape(*value.shape, *new) for name, value in given.items()}
 
     @property
     def acts_on(self) -> frozenset[str]:

@@ -45,7 +45,7 @@ from bayesdeg.causes.cause import (
     Stage,
     StrengthConditions,
 )
-from bayesdeg.causes.humidity import SAME, STORED, TESTED, dryness
+from bayesdeg.causes.history import SAME, STORED, TESTED, dryness
 from bayesdeg.material.strength import Strength
 from bayesdeg.priors import Parameter, TruncatedNormal
 

@@ -25,17 +25,7 @@ def acting(
     causes: Iterable[Cause], values: Mapping[str, Floats], *, axes: int = 2
 ) -> tuple[Acting, ...]:
     """Return causes with their sizes from named values (n,), with trailing axes added."""
-    return tuple(
-        Acting(
-            cause,
-            {
-                p.name: np.reshape(value, (*np.shape(value), *(1,) * axes))
-                for p in cause.parameters
-                for value in [np.asarray(values[cause.qualified(p.name)])]
-            },
-        )
-        for cause in causes
-    )
+    return tuple(Acting(cause, cause.effect(values, axes=axes)) for cause in causes)
 
 
 def applied[T](hook: Hook, value: T, conditions: Any, causes: Iterable[Acting], *more: Any) -> T:

@@ -36,9 +36,8 @@ import numpy as np
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_time
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
-from bayesdeg.causes.history import filled, known_time, lagging
-from bayesdeg.causes.humidity import SAME, STORED, TESTED
-from bayesdeg.causes.humidity import dryness as dryness_at
+from bayesdeg.causes.history import SAME, STORED, TESTED, filled, known_time, lagging
+from bayesdeg.causes.history import dryness as dryness_at
 from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
 
 

@@ -62,7 +62,10 @@ class Warp:
     def fit(cls, draws: Floats) -> Self:
         """Return the most likely map of draws (n, n_parameters), parameter by parameter."""
         take = np.linspace(0, len(draws) - 1, min(MOST_WARPED, len(draws))).round().astype(np.int64)
-        centre, spread = np.median(draws, axis=0), _spread(draws)
+        centre = np.median(draws, axis=0)
+        # positive for constant columns too
+        least = 1e-8 * np.maximum(1.0, np.abs(centre))
+        spread = np.maximum(np.std(draws, axis=0), least)
         standard = (draws[take] - centre) / spread
         found = np.array([_most_likely(column) for column in standard.T])
         location, log_scale, skewness, log_tail = found.T
@@ -82,13 +85,6 @@ class Warp:
         bent = (np.arcsinh(normal) + self.skewness) / self.tail
         vectors: Floats = self.location + self.scale * np.sinh(bent)
         return vectors
-
-
-def _spread(draws: Floats) -> Floats:
-    """Return standard deviations, with a positive value for constant columns."""
-    least = 1e-8 * np.maximum(1.0, np.abs(np.median(draws, axis=0)))
-    spread: Floats = np.maximum(np.std(draws, axis=0), least)
-    return spread
 
 
 def _log_cosh(x: Floats) -> Floats:
@@ -226,14 +222,7 @@ def about_mode(
 ) -> Evidence:
     """Return an importance sample of a posterior with known mode, `improved` if it is poor.
 
-    Parameters
-    ----------
-    density, laplace : Density, Laplace
-        What is sampled, and its mode.
-    generator : Generator
-        Draws the proposals.
-    enough : float
-        Effective draws wanted.
+    ``enough`` is the number of effective draws wanted.
     """
     found = evidence(density, laplace, generator, draws=MOST, enough=enough)
     if found.effective >= enough:
@@ -265,6 +254,8 @@ def improved(
     it; all draws are then weighted by the mixture of all these laws. If few draws carry the weight,
     weights are flattened before fitting, so that the law does not collapse onto those few.
 
+    The evidence is −inf where no draw is possible.
+
     Parameters
     ----------
     density : Density
@@ -273,17 +264,10 @@ def improved(
         Draws and weights to begin with; they serve the first fit alone.
     generator : Generator
         Draws the proposals.
-    draws : int
-        Of each round.
+    draws, rounds : int
+        Draws of each round, and most rounds.
     enough : float
         Effective draws at which no further round is made.
-    rounds : int
-        At most.
-
-    Returns
-    -------
-    Evidence
-        With −inf where no draw is possible.
 
     References
     ----------
@@ -295,7 +279,8 @@ def improved(
     under = np.empty((0, 0))  # log density of each point (column) under each law
     found = posterior
     for _ in range(rounds if posterior.effective > 0.0 else 0):
-        law = _wide(Proposal.fit(_flattened(known).resample(generator, FITTED)))
+        law = Proposal.fit(_flattened(known).resample(generator, FITTED))
+        law = replace(law, factor=WIDER * law.factor, whitening=law.whitening / WIDER)
         more, _ = law.independent(np.zeros((draws, points.shape[1])), generator)
         earlier = np.array([log_density(one, more) for one in laws]).reshape(len(laws), draws)
         laws, points = [*laws, law], np.concatenate([points, more])
@@ -315,18 +300,7 @@ def refitted(
     """Return an importance sample from the law fitted to draws of nearly the same posterior.
 
     The law is as wide as the draws, so far fewer proposals are wasted than by `improved`, which
-    searches for regions that draws have missed.
-
-    Parameters
-    ----------
-    density : Density
-        What is sampled.
-    posterior : Evidence
-        Draws and weights that the law is fitted to; flattened where few carry the weight.
-    generator : Generator
-        Draws the proposals.
-    draws : int
-        How many.
+    searches for regions that draws have missed. Weights are flattened where few draws carry them.
     """
     law = Proposal.fit(_flattened(posterior).resample(generator, FITTED))
     points, _ = law.independent(np.zeros((draws, len(density.table))), generator)
@@ -345,10 +319,6 @@ def log_density(law: Proposal, points: Floats) -> Floats:
     )
     density: Floats = law.log_density(points) + constant
     return density
-
-
-def _wide(law: Proposal) -> Proposal:
-    return replace(law, factor=WIDER * law.factor, whitening=law.whitening / WIDER)
 
 
 def _flattened(sample: Evidence) -> Evidence:

@@ -6,7 +6,7 @@ derivatives, at the cost of two densities for each parameter. Any other density 
 twice.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from scipy.special import gammaln, logsumexp, stdtr, stdtrit
 
 from bayesdeg.inference.density import Density, Factors, bounds, continued, factors_of, guesses
 from bayesdeg.observations.noise import LOG_TWO_PI
-from bayesdeg.priors import Distribution, Flat, ParameterTable
+from bayesdeg.priors import Flat, ParameterTable
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -59,20 +59,8 @@ def find_mode(density: Density, start: Floats) -> tuple[Floats, Floats]:
 
     Levenberg–Marquardt steps with the best of several dampings, cut at the bounds; a parameter at
     its bound stays there, unless the density is higher further inside: one of two scatters has no
-    slope where it is zero.
-
-    Parameters
-    ----------
-    density : Density
-        Preferably `Factored`.
-    start : array, shape (n_parameters,)
-        Where to begin.
-
-    Returns
-    -------
-    mode : array, shape (n_parameters,)
-    covariance : array, shape (n_parameters, n_parameters)
-        Inverse of the information there.
+    slope where it is zero. Returns the mode, (n_parameters,), and the inverse of the information
+    there, (n_parameters, n_parameters).
 
     Examples
     --------
@@ -149,9 +137,9 @@ def _scored(found: Factors, table: ParameterTable, point: Floats, width: Floats)
     With z the scores, s their standard deviations and a = ∂z + z ∂ ln s, the slope of the expected
     reading over s, the information of readings is :math:`\sum_j a a^T + 2\, ∂\ln s\, (∂\ln s)^T`.
     """
-    size = len(point)
+    size, both = len(point), 2.0 * width[:, None]
     value = float(_total(found)[0]) - 0.5 * LOG_TWO_PI * found.score.shape[-1]
-    slope = Factors(*(_central(part, width) for part in found))
+    slope = Factors(*((part[1 : size + 1] - part[size + 1 :]) / both for part in found))
     data = -slope.score @ found.score[0] - slope.log_sd.sum(axis=1) + slope.other.sum(axis=1)
     own = np.arange(size)
     here, forth, back = found.prior[0], found.prior[1 + own, own], found.prior[1 + size + own, own]
@@ -162,13 +150,6 @@ def _scored(found: Factors, table: ParameterTable, point: Floats, width: Floats)
     information += slope.signal @ slope.signal.T
     information[own, own] += bend + _from_the_scale(table, point, data)
     return Expansion(value, data + by_prior, information, width / SHORT)
-
-
-def _central(part: Floats, width: Floats) -> Floats:
-    """Return central slopes of values at 1 + 2n points, (n, k)."""
-    size = len(width)
-    slopes: Floats = (part[1 : size + 1] - part[size + 1 :]) / (2.0 * width[:, None])
-    return slopes
 
 
 def _from_the_scale(table: ParameterTable, point: Floats, slope: Floats) -> Floats:
@@ -198,26 +179,21 @@ def _steps(about: Expansion, free: Flags, table: ParameterTable) -> Floats:
     inner = (vectors * curvature) @ vectors.T
     damped += [np.linalg.solve(inner + np.diag(d * size), gradient) for d in DAMPING[1:]]
     steps = unit * np.vstack([np.array(damped), LENGTHS[:, None] * damped[0]])
-    reach = np.where([_is_bent(p.law) for p in table.parameters], np.abs(steps), 0.0)
+    # the scale of a logarithm or a logit is bent
+    slopes = [p.law.log_jacobian(np.array([0.0, 1.0])) for p in table.parameters]
+    reach = np.where([start != end for start, end in slopes], np.abs(steps), 0.0)
     return steps / np.maximum(np.max(reach, axis=1, initial=0.0) / WIDEST, 1.0)[:, None]
-
-
-def _is_bent(law: Distribution) -> bool:
-    """Return whether the unconstrained scale of a law is a logarithm or a logit."""
-    return float(law.log_jacobian(0.0)) != float(law.log_jacobian(1.0))
-
-
-def _width(law: Distribution) -> float:
-    """Return half the distance between the 16 % and 84 % quantiles of a prior, as sampled."""
-    if isinstance(law, Flat):
-        return 1.0
-    low, high = law.to_unconstrained(law.quantile(np.array([0.16, 0.84])))
-    return float(0.5 * (high - low))
 
 
 @lru_cache(maxsize=64)
 def _widths(table: ParameterTable) -> Floats:
-    return np.array([_width(p.law) for p in table.parameters])
+    """Return half the distances between the 16 % and 84 % quantiles of priors, as sampled."""
+    widths = np.ones(len(table))
+    for i, law in enumerate(p.law for p in table.parameters):
+        if not isinstance(law, Flat):
+            low, high = law.to_unconstrained(law.quantile(np.array([0.16, 0.84])))
+            widths[i] = 0.5 * (high - low)
+    return widths
 
 
 def scales(density: Density, point: Floats) -> Floats:
@@ -250,17 +226,8 @@ def derivatives(
 ) -> tuple[Floats, Floats]:
     """Return gradient and Hessian of the log density at a point, bounds of priors left out.
 
-    Differences are central, and one-sided where a neighbour is impossible.
-
-    Parameters
-    ----------
-    density : Density
-        What to differentiate.
-    point : array, shape (n_parameters,)
-        Where.
-    step : float or array, shape (n_parameters,)
-        Of the differences; where a neighbour is impossible, the distance between gradients, and
-        within a gradient a tenth of it.
+    Differences of this step, one or of each parameter, are central, and one-sided where a neighbour
+    is impossible: the step is then the distance between gradients, a tenth of it theirs.
     """
     steps = np.broadcast_to(np.asarray(step, dtype=np.float64), len(point))
     found = _from_pairs(density, point, steps)
@@ -323,31 +290,15 @@ def bounded(density: Density, points: Floats) -> Floats:
 
 
 def slopes(density: Density, points: Floats, step: Floats) -> Floats:
-    """Return gradients ∇ ln p at points: differences in one call, central where possible.
+    """Return gradients of ln p at points (n, size): differences, central where possible.
 
-    Parameters
-    ----------
-    density : Density
-        p, whose priors are taken without their bounds.
-    points : array, shape (n, size)
-        On the sampler's scale.
-    step : array, shape (size,)
-        Of the differences.
-
-    Returns
-    -------
-    array, shape (n, size)
+    Priors are taken without their bounds; ``step``, shape (size,), is that of the differences.
     """
     count, size = points.shape
     steps = np.vstack([np.zeros(size), np.diag(step), -np.diag(step)])
     values = bounded(density, (points[:, None, :] + steps).reshape(-1, size))
-    return _slopes(values.reshape(count, 1 + 2 * size), step)
-
-
-def _slopes(values: Floats, step: float | Floats) -> Floats:
-    """Differences of densities here, a step forth and a step back along each axis, (..., size)."""
-    size = (values.shape[-1] - 1) // 2
-    here, forth, back = values[..., :1], values[..., 1 : size + 1], values[..., size + 1 :]
+    values = values.reshape(count, 1 + 2 * size)
+    here, forth, back = values[:, :1], values[:, 1 : size + 1], values[:, size + 1 :]
     possible = (forth > IMPOSSIBLE).astype(np.float64) + (back > IMPOSSIBLE)
     change = np.where(forth > IMPOSSIBLE, forth, here) - np.where(back > IMPOSSIBLE, back, here)
     found: Floats = change / (step * np.maximum(possible, 1.0))
@@ -445,15 +396,8 @@ class TwoPiece:
 def about(density: Density, mode: Floats, covariance: Floats) -> TwoPiece:
     """Return a proposal about a mode, its widths measured along each axis.
 
-    Parameters
-    ----------
-    density : Density
-        Looked at where each axis is followed for 1.5 to 6 standard deviations, or for less where a
-        bound is near.
-    mode : array, shape (n,)
-        Within the bounds of truncated priors.
-    covariance : array, shape (n, n)
-        Inverse of the information there.
+    Each axis is followed for 1.5 to 6 standard deviations, or for less where a bound is near. The
+    covariance is the inverse of the information at the mode.
     """
     low, high = bounds(density.table)
     bounded = np.isfinite(low) | np.isfinite(high)
@@ -546,8 +490,8 @@ class Evidence:
         Their log importance weights.
     effective : float
         Effective number of draws.
-    log_densities : array, shape (n,), optional
-        Log posterior densities of the draws, not normalised.
+    log_densities : array, shape (n,)
+        Log posterior densities of the draws, not normalised; empty if unknown.
     pareto_k : float
         Shape of the tail of the weights; above 0.7 they are unreliable. Nan if unknown.
     """
@@ -557,13 +501,13 @@ class Evidence:
     draws: Floats
     log_weights: Floats
     effective: float
-    log_densities: Floats | None = None
+    log_densities: Floats = field(default_factory=lambda: np.empty(0))
     pareto_k: float = float("nan")
 
     @property
     def top(self) -> tuple[Floats, float] | None:
         """The most probable draw and its log density; None if densities are unknown."""
-        if self.log_densities is None:
+        if not len(self.log_densities):
             return None
         best = int(np.argmax(self.log_densities))
         return self.draws[best], float(self.log_densities[best])
@@ -579,14 +523,7 @@ def approximate(
 ) -> Laplace:
     """Return the Laplace approximation of a posterior.
 
-    Parameters
-    ----------
-    density : Density
-        What to approximate: a `Model`, a `CustomDensity`, or what offers the same.
-    generator : Generator
-        Draws starting points from the prior.
-    start : array, shape (n_parameters,), optional
-        A point near the mode; by default the best of 400 draws from the prior.
+    ``start``, shape (n_parameters,), is near the mode; by default the best of 400 prior draws.
     """
     if start is None:
         trials = guesses(density.table, generator, 400)
@@ -613,21 +550,8 @@ def evidence(
 ) -> Evidence:
     """Estimate the marginal likelihood, Z = E_q[p(θ, y)/q(θ)] with q a law of two-piece axes.
 
-    Parameters
-    ----------
-    density, laplace : Density, Laplace
-        What is sampled, and its mode.
-    generator : Generator
-        Draws the proposals.
-    draws : int
-        Largest number of draws.
-    enough : float
-        Effective draws at which drawing stops; proposals are drawn in rounds of `ROUND`.
-
-    Returns
-    -------
-    Evidence
-        With −inf where no draw is possible.
+    At most ``draws`` proposals are drawn, in rounds of `ROUND`, until ``enough`` are effective. The
+    evidence is −inf where no draw is possible.
     """
     proposal = about(density, laplace.mode, laplace.covariance)
     rounds: list[tuple[Floats, Floats, Floats]] = []
@@ -644,12 +568,7 @@ def evidence(
 
 
 def weighted(points: Floats, log_weights: Floats) -> Evidence:
-    """Return the importance sample of draws with these weights, p/q.
-
-    Returns
-    -------
-    Evidence
-        With −inf where no draw is possible.
+    """Return the importance sample of draws with these weights, p/q; −inf if none is possible.
 
     Examples
     --------

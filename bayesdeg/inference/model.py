@@ -1,6 +1,6 @@
 """The joint model: data, forward map and active causes as one batched log density."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -117,21 +117,16 @@ class JointModel:
 
     def log_prob(self, vectors: Floats, *, truncate: bool = True) -> Floats:
         """Return the log posterior density of each vector, shape (n,); −inf where impossible."""
-        parts = [
-            self._log_prob(vectors[k : k + AT_ONCE], truncate=truncate)
-            for k in range(0, max(len(vectors), 1), AT_ONCE)
-        ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-    def _log_prob(self, vectors: Floats, *, truncate: bool) -> Floats:
-        table = self.table
-        with np.errstate(all="ignore"):
-            values = table.named(vectors)
-            total = table.log_prior(vectors, truncate=truncate)
-            for block in self.log_likelihood(values).values():
-                total = total + np.sum(block, axis=-1)
-            total = np.where(self.allows(values), total, -np.inf)
-        return np.where(np.isfinite(total), total, -np.inf)
+        table, parts = self.table, []
+        for part in _batches(vectors):
+            with np.errstate(all="ignore"):
+                values = table.named(part)
+                total = table.log_prior(part, truncate=truncate)
+                for block in self.log_likelihood(values).values():
+                    total = total + np.sum(block, axis=-1)
+                total = np.where(self.allows(values), total, -np.inf)
+            parts.append(np.where(np.isfinite(total), total, -np.inf))
+        return np.concatenate(parts)
 
     def log_likelihood(self, values: Named) -> dict[str, Floats]:
         """Return log densities of whole specimens by kind of data, each (n, n_specimens)."""
@@ -201,11 +196,6 @@ class JointModel:
     def criticised(self) -> tuple[Observations, ...]:
         """Kinds of data that are compared with the model by reading or event."""
         return tuple(one for one in self.observations if one.is_criticised)
-
-    @property
-    def has_readings(self) -> bool:
-        """Whether there is anything to criticise."""
-        return bool(self.criticised)
 
     @cached_property
     def places(self) -> Places:
@@ -368,6 +358,12 @@ class JointModel:
         return replace(self, world=world)
 
 
+def _batches(vectors: Floats) -> Iterator[Floats]:
+    """Yield vectors `AT_ONCE` at a time; an empty batch if there are none."""
+    for first in range(0, max(len(vectors), 1), AT_ONCE):
+        yield vectors[first : first + AT_ONCE]
+
+
 def _subset(one: Observations, kept: list[bool]) -> Observations:
     return one.subset(np.flatnonzero(kept))
 
@@ -450,34 +446,29 @@ class CountedDensity:
 
     def __call__(self, vectors: Floats) -> Floats:
         """Return the log posterior density of each vector, shape (n,)."""
+        densities = []
         # in the batches of the model, which evaluates its forward map for each
-        parts = [vectors[k : k + AT_ONCE] for k in range(0, max(len(vectors), 1), AT_ONCE)]
-        return np.concatenate([self._counted(part) for part in parts])
-
-    def _counted(self, vectors: Floats) -> Floats:
-        self._outside = np.zeros(len(vectors), dtype=bool)
-        density = self._watched.log_prob(vectors)
-        self._proposed += len(vectors)
-        if self._outside.any():
-            self._refused.append(vectors[self._outside])
-        return density
+        for part in _batches(vectors):
+            self._outside = np.zeros(len(part), dtype=bool)
+            densities.append(self._watched.log_prob(part))
+            self._proposed += len(part)
+            if self._outside.any():
+                self._refused.append(part[self._outside])
+        return np.concatenate(densities)
 
     @property
     def refusals(self) -> Refusals:
         """Number of vectors so far, and of those refused only by the map."""
-        refused = self._allowed(np.concatenate(self._refused)) if self._refused else 0
-        return Refusals(self._proposed, refused)
+        if not self._refused:
+            return Refusals(self._proposed)
+        table, refused = self._model.table, np.concatenate(self._refused)
+        with np.errstate(all="ignore"):
+            possible = np.isfinite(table.log_prior(refused))
+            stable = self._model.allows(table.named(refused))
+        return Refusals(self._proposed, int(np.sum(possible & stable)))
 
     def _report(self, refused: Flags) -> None:
         self._outside = self._outside | refused
-
-    def _allowed(self, vectors: Floats) -> int:
-        """Count the vectors refused only by the forward map."""
-        table = self._model.table
-        with np.errstate(all="ignore"):
-            possible = np.isfinite(table.log_prior(vectors))
-            stable = self._model.allows(table.named(vectors))
-        return int(np.sum(possible & stable))
 
 
 def blocks_of(

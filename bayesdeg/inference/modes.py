@@ -32,7 +32,6 @@ from bayesdeg.inference.laplace import (
 )
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.intp]
 
 GUESSES = 400  # prior draws that determine the width of the wide law
 PARTICLES, LEFT = (
@@ -71,13 +70,6 @@ def tempered(density: Density, generator: np.random.Generator) -> tuple[Floats, 
     by (p/q)^(b' − b) from one power b of the density q^(1 − b) p^b to the next, resampled, and
     moved by differential evolution. Each step of b leaves half of the effective draws.
 
-    Parameters
-    ----------
-    density : Density
-        p.
-    generator : Generator
-        Source of randomness.
-
     Raises
     ------
     BayesdegError
@@ -102,7 +94,10 @@ def tempered(density: Density, generator: np.random.Generator) -> tuple[Floats, 
         log_weights = step * (values - base)
         level += float(logsumexp(log_weights) - np.log(PARTICLES))
         power += step
-        kept = _resampled(log_weights, generator)
+        # systematic resampling
+        weights = np.exp(log_weights - logsumexp(log_weights))
+        even = (np.arange(PARTICLES) + generator.random()) / PARTICLES
+        kept = np.minimum(np.searchsorted(np.cumsum(weights), even), PARTICLES - 1)
         state = points[kept], values[kept], base[kept]
         points, values, base = _moved(density, wide, state, power, generator)
         if power >= 1.0:
@@ -124,14 +119,6 @@ def _next(log_ratio: Floats, power: float) -> float:
     # on the scale of logarithms: the first steps are small where data are many
     low = 1e-12 * rest
     return float(np.exp(brentq(lambda u: lacking(np.exp(u)), np.log(low), np.log(rest))))
-
-
-def _resampled(log_weights: Floats, generator: np.random.Generator) -> Whole:
-    """Return indices by systematic resampling of weights."""
-    weights = np.exp(log_weights - logsumexp(log_weights))
-    even = (np.arange(len(weights)) + generator.random()) / len(weights)
-    found: Whole = np.minimum(np.searchsorted(np.cumsum(weights), even), len(weights) - 1)
-    return found
 
 
 def _moved(
@@ -224,21 +211,7 @@ def find_modes(
     starts: int = STARTS,
     executor: Executor | None = None,
 ) -> Modes:
-    """Find separate modes and their shares.
-
-    Parameters
-    ----------
-    density : Density
-        Posterior up to a constant.
-    generator : Generator
-        Draws starts and the population.
-    known : sequence of Laplace
-        Modes that are known already.
-    starts : int
-        Climbs.
-    executor : Executor, optional
-        Runs the climbs side by side.
-    """
+    """Find separate modes and their shares, climbing from ``starts`` and from ``known`` modes."""
     apply = map if executor is None else executor.map
     climbs = apply(partial(_climb, density), dispersed(density, generator, starts))
     tops = separate(density, [*known, *climbs])
@@ -246,11 +219,13 @@ def find_modes(
     best = max((one.log_evidence for one in samples), default=0.0)
     worth = [k for k, one in enumerate(samples) if not one.log_evidence < best - NEGLIGIBLE]
     tops, samples = [tops[k] for k in worth], [samples[k] for k in worth]
-    held = [
-        k
-        for k, one in enumerate(samples)
-        if _about(one, tops, k) >= FEWEST_EFFECTIVE and not _goes_on(density, tops[k])
-    ]
+    held = []
+    for k, one in enumerate(samples):
+        # about this mode alone, as the tails of others may add a few
+        own = one.log_weights[nearest(one.draws, tops) == k]
+        effective = effective_draws(own) if np.any(np.isfinite(own)) else 0.0
+        if effective >= FEWEST_EFFECTIVE and not _goes_on(density, tops[k]):
+            held.append(k)
     if len(tops) == 1 and not held and not _goes_on(density, tops[0]):
         # along a ridge a law fitted to its own draws may work where the mode's does not
         samples = [about_mode(density, tops[0], generator, enough=FEWEST_EFFECTIVE)]
@@ -270,12 +245,6 @@ def _goes_on(density: Density, top: Laplace) -> bool:
     """Return whether a search ended at its limit, without a maximum, as in a funnel's neck."""
     mode, _ = find_mode(density, top.mode)
     return float(density.log_prob(mode[None])[0]) > top.log_density + HIGHER
-
-
-def _about(sample: Evidence, tops: Sequence[Laplace], which: int) -> float:
-    """Return the effective draws around one mode; the tails of others may add a few."""
-    own = sample.log_weights[nearest(sample.draws, tops) == which]
-    return effective_draws(own) if np.any(np.isfinite(own)) else 0.0
 
 
 def dispersed(density: Density, generator: np.random.Generator, count: int = STARTS) -> Floats:
@@ -324,7 +293,8 @@ def _weighed(
     generator: np.random.Generator,
 ) -> Modes:
     """Give each mode its share: by importance sampling, or by count of the population."""
-    posterior = _of_population(population, level)
+    even, distinct = np.zeros(len(population)), len(np.unique(population, axis=0))
+    posterior = Evidence(level, float("nan"), population, even, float(distinct))
     if not tops:
         return Modes((), posterior, tempered=True)
     sample = _mixture(density, tops, population, generator)
@@ -342,14 +312,14 @@ def _weighed(
     return Modes(tuple(sorted(large, key=lambda mode: -mode.weight)), posterior, tempered=True)
 
 
-def nearest(points: Floats, tops: Sequence[Laplace]) -> Whole:
+def nearest(points: Floats, tops: Sequence[Laplace]) -> NDArray[np.intp]:
     """Return the mode of each point (n, n_parameters), by the normal laws there, (n,)."""
     heights = []
     for top in tops:
         factor = np.linalg.cholesky(top.covariance)
         white = np.linalg.solve(factor, (points - top.mode).T)
         heights.append(-0.5 * np.sum(white**2, axis=0) - np.sum(np.log(np.diag(factor))))
-    found: Whole = np.argmax(heights, axis=0)
+    found: NDArray[np.intp] = np.argmax(heights, axis=0)
     return found
 
 
@@ -361,23 +331,15 @@ def _mixture(
 ) -> Evidence:
     """Sample all modes by a mixture with one law per mode and equal shares of draws."""
     member = nearest(population, tops)
-    laws = [_law(population[member == k], top, generator) for k, top in enumerate(tops)]
-    size = population.shape[1]
+    size, laws = population.shape[1], []
+    for k, top in enumerate(tops):
+        points = population[member == k]
+        if len(points) < max(FEWEST, 2 * size):
+            factor = np.linalg.cholesky(top.covariance)
+            points = top.mode + generator.standard_normal((PARTICLES, size)) @ factor.T
+        laws.append(Proposal.fit(points))
     draws = [law.independent(np.zeros((PARTICLES, size)), generator)[0] for law in laws]
     points = np.concatenate(draws)
     each = [log_density(law, points) for law in laws]
     mixture = logsumexp(each, axis=0) - np.log(len(laws))
     return weighted(points, density.log_prob(points) - mixture)
-
-
-def _law(points: Floats, top: Laplace, generator: np.random.Generator) -> Proposal:
-    if len(points) >= max(FEWEST, 2 * points.shape[1]):
-        return Proposal.fit(points)
-    factor = np.linalg.cholesky(top.covariance)
-    return Proposal.fit(top.mode + generator.standard_normal((PARTICLES, len(factor))) @ factor.T)
-
-
-def _of_population(population: Floats, level: float) -> Evidence:
-    even = np.zeros(len(population))
-    distinct = float(len(np.unique(population, axis=0)))
-    return Evidence(level, float("nan"), population, even, distinct)

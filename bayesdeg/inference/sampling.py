@@ -81,32 +81,25 @@ class Effort:
         ((10,), (10,))
         """
         first = min(self.chunk, max(1, self.longest // 2))
-        if settled:
-            return (first,), _growing(
-                self.longest - first, max(1, first // 2), LONGEST_LOOK * first
-            )
-        lengths, left = [first], self.longest - first
+        most, left = LONGEST_LOOK * first, self.longest - first
+        if settled:  # a check whenever the chain is a quarter longer than at the last
+            looks: list[int] = []
+            while (done := sum(looks)) < left:
+                looks.append(min(max(1, first // 2, done // 4), most, left - done))
+            return (first,), tuple(looks)
+        lengths = [first]
         while left >= 2 * lengths[-1]:
             lengths.append(2 * lengths[-1])
             left -= lengths[-1]
         if len(lengths) == 1:
             lengths.append(0)
         lengths[-1] += left
-        looks = [first] + [min(first * 2**k, LONGEST_LOOK * first) for k in range(len(lengths) - 1)]
-        return tuple(_split(length, look) for length, look in zip(lengths, looks, strict=True))
-
-
-def _split(length: int, part: int) -> tuple[int, ...]:
-    rest = length % part
-    return (part,) * (length // part) + ((rest,) if rest else ())
-
-
-def _growing(length: int, least: int, most: int) -> tuple[int, ...]:
-    """Split a length, with a check whenever the chain is a quarter longer than at the last."""
-    parts: list[int] = []
-    while (done := sum(parts)) < length:
-        parts.append(min(max(least, done // 4), most, length - done))
-    return tuple(parts)
+        periods = []
+        for k, length in enumerate(lengths):
+            look = min(first * 2 ** max(k - 1, 0), most)
+            whole, rest = divmod(length, look)
+            periods.append((look,) * whole + (rest,) * (rest > 0))
+        return tuple(periods)
 
 
 EFFORTS = {
@@ -219,15 +212,6 @@ class Chain:
                 for i in which or range(size)
             ]
         )
-
-    def autocorrelation_time(self) -> Floats:
-        """Return τ of each parameter [steps]: draws over effective draws of the bulk.
-
-        It cannot be estimated beyond the length of the chain.
-        """
-        ensembles, steps, walkers, _ = self.vectors.shape
-        time: Floats = ensembles * steps * walkers / self.effective()
-        return time
 
     def judged(self, standing: SamplerStatus, effort: Effort | None = None) -> SamplerStatus:
         """Return a state with the diagnostics of the chain.
@@ -417,7 +401,7 @@ class ChainStore(Protocol):
 class NoStore:
     """Keeps nothing."""
 
-    def load(self, ensemble: int, number: int, key: str) -> Piece | None:
+    def load(self, ensemble: int, number: int, key: str) -> None:
         """Return None."""
 
     def save(self, ensemble: int, number: int, key: str, piece: Piece) -> None:
@@ -507,7 +491,10 @@ def start_of(density: Density, importance: Evidence, generator: np.random.Genera
         )
     draws, log_weights = importance.draws[possible], importance.log_weights[possible]
     wanted = FEWEST_A_PARAMETER * draws.shape[1]
-    weights = _tempered(log_weights, wanted)
+    power, least = 1.0, min(wanted, 0.5 * len(log_weights))
+    while effective_draws(power * log_weights) < least:
+        power *= 0.9
+    weights = np.exp(power * log_weights - logsumexp(power * log_weights))
     chosen = draws[generator.choice(len(draws), FITTED, p=weights)]
     if lie_in_a_plane(chosen):
         chosen = _widened(density, draws, generator)
@@ -534,15 +521,6 @@ def lie_in_a_plane(draws: Floats) -> bool:
     return len(values) < draws.shape[1] or bool(values[-1] <= PLANE * values[0])
 
 
-def _tempered(log_weights: Floats, wanted: float) -> Floats:
-    wanted = min(wanted, 0.5 * len(log_weights))
-    power = 1.0
-    while effective_draws(power * log_weights) < wanted:
-        power *= 0.9
-    weights: Floats = np.exp(power * log_weights - logsumexp(power * log_weights))
-    return weights
-
-
 def _widened(density: Density, draws: Floats, generator: np.random.Generator) -> Floats:
     """Draw around the best of some vectors, as wide in each parameter as the density."""
     values = density.log_prob(draws)
@@ -563,9 +541,6 @@ def _widened(density: Density, draws: Floats, generator: np.random.Generator) ->
             "a parameter to a single value; give it a wider prior"
         )
     return possible
-
-
-__all__ = ["EFFORTS", "Chain", "Effort", "SamplerStatus", "sample"]
 
 
 # shares of the steps, from benchmarks/sampler_moves.py. Independent proposals are most efficient if
@@ -654,20 +629,17 @@ def sample(
                     on_chunk(standing)
                 if standing.enough(effort) or standing.steps >= effort.longest:
                     return chain
-                if _slow(standing, effort):
+                # a settled law may mix so slowly that refitting is worth a period; checked where
+                # the second period would end if it were not settled
+                due = standing.settled and standing.kept >= 2 * effort.chunk
+                if due and SLOW * standing.times <= effort.times:
                     break
             served = float(np.min(chain.acceptance)) >= SERVED
             standing = replace(standing, settled=period == 0 and served and begun.faithful)
-            proposal, period = _fitted(chain, served=served), period + 1
-
-
-def _slow(standing: SamplerStatus, effort: Effort) -> bool:
-    """Whether a settled law mixes so slowly that refitting is worth a period.
-
-    Checked where the second period of an effort with unsettled moves would end.
-    """
-    due = standing.settled and standing.kept >= 2 * effort.chunk
-    return due and SLOW * standing.times <= effort.times
+            # a poor law may have disturbed the first part of a period
+            fitted = chain.vectors if served else chain.vectors[:, chain.vectors.shape[1] // 2 :]
+            fitted = fitted.reshape(-1, fitted.shape[-1])
+            proposal, period = Proposal.fit(fitted, degrees=FOR_WALKERS), period + 1
 
 
 def _first(density: Density, start: Start, seed: np.random.SeedSequence) -> Position:
@@ -728,12 +700,6 @@ def moves_of(proposal: Proposal) -> list[tuple[emcee.moves.Move, float]]:
         (emcee.moves.MHMove(proposal.independent), INDEPENDENT),
         (emcee.moves.DEMove(), DIFFERENTIAL),
     ]
-
-
-def _fitted(chain: Chain, *, served: bool) -> Proposal:
-    """Fit a law to a period, without its first part, which a poor law may have disturbed."""
-    vectors = chain.vectors if served else chain.vectors[:, chain.vectors.shape[1] // 2 :]
-    return Proposal.fit(vectors.reshape(-1, vectors.shape[-1]), degrees=FOR_WALKERS)
 
 
 def _joined(history: list[list[Piece]], asked: Refusals) -> Chain:

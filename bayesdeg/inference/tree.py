@@ -40,10 +40,22 @@ def to_datatree(density: Density, chain: Chain, generator: np.random.Generator) 
         plain: xr.DataTree = from_dict(groups)
         return plain
     coords, dims = _add_likelihoods(density, density.log_likelihood(values), groups, shape=shape)
-    stored = _stored_readings(density, values, generator)
+    state, tests = density.state(values), density.tests(values)
+    read = (one for one in density.observations if isinstance(one, Pointwise))
+    stored = [kept for one in read for kept in one.stored(state, tests, generator)]
     further, along = _add_observations(stored, groups, shape=shape)
     tree: xr.DataTree = from_dict(groups, coords=coords | further, dims=dims | along)
-    return _with_one_likelihood(_label_observations(tree, stored))
+    for one in stored:
+        labels = {name: (one.axis, values) for name, values in one.labels.items()}
+        for name in OBSERVED:
+            if one.axis in tree[name].dims:
+                tree[name] = xr.DataTree(tree[name].to_dataset().assign_coords(labels))
+    # arviz.loo takes a single variable and refuses to choose among several: all but the joint
+    # density become coordinates, which arviz.loo(tree, var_name="curvature") finds too
+    whole = tree["log_likelihood"].to_dataset()
+    parts = [name for name in whole.data_vars if name != JOINT]
+    tree["log_likelihood"] = xr.DataTree(whole.set_coords(parts))
+    return tree
 
 
 def _add_likelihoods(
@@ -54,30 +66,17 @@ def _add_likelihoods(
     Given the parameters, the readings of a specimen in different tables are independent, so their
     log densities add up to its joint one; a summary statistic counts as a specimen. The joint ones
     sum to the log likelihood. ``arviz.loo`` leaves these out one by one: whole specimens, not
-    single points of a curve.
-
-    Parameters
-    ----------
-    model : JointModel
-        With its data.
-    by_kind : mapping
-        What ``JointModel.log_likelihood`` returns.
-    groups : dict
-        To which ``log_likelihood`` is added.
-    shape : (int, int)
-        Chains and draws.
-
-    Returns
-    -------
-    coords, dims : dict
-        Labels, and along what each variable goes.
+    single points of a curve. Returns labels and axes.
     """
     densities = {f"{kind}_specimens": block for kind, block in by_kind.items()}
     dims = {f"{kind}_specimens": [f"{kind}_specimen"] for kind in by_kind}
     coords: dict[str, NDArray[np.generic]] = {
         f"{one.name}_specimen": np.array(list(one.labels)) for one in model.observations
     }
-    blocks = _blocks(model)
+    blocks = list(blocks_of(model).items())
+    for one in model.observations:
+        if not one.specimens:
+            blocks += [(name, {one.name: np.array([k])}) for k, name in enumerate(one.labels)]
     joint = np.empty((shape[0] * shape[1], len(blocks)))  # without columns if there are no data
     for column, (_, found) in enumerate(blocks):
         joint[:, column] = sum(by_kind[k][:, rows].sum(axis=-1) for k, rows in found.items())
@@ -85,37 +84,6 @@ def _add_likelihoods(
     groups["log_likelihood"] = {n: d.reshape(*shape, d.shape[-1]) for n, d in densities.items()}
     coords["specimen"] = np.array([name for name, _ in blocks], dtype=np.str_)
     return coords, dims | {JOINT: ["specimen"]}
-
-
-def _blocks(model: JointModel) -> list[tuple[str, dict[str, NDArray[np.intp]]]]:
-    """Return the rows of every specimen in every kind of data, and of every statistic."""
-    blocks = list(blocks_of(model).items())
-    for one in model.observations:
-        if not one.specimens:
-            blocks += [(name, {one.name: np.array([k])}) for k, name in enumerate(one.labels)]
-    return blocks
-
-
-def _with_one_likelihood(tree: xr.DataTree) -> xr.DataTree:
-    """Make the joint density the only data variable of ``log_likelihood``.
-
-    ``arviz.loo`` takes a single variable and refuses to choose among several. The others keep their
-    names as coordinates: ``tree.log_likelihood["curvature"]`` and
-    ``arviz.loo(tree, var_name="curvature")`` find them.
-    """
-    whole = tree["log_likelihood"].to_dataset()
-    parts = [name for name in whole.data_vars if name != JOINT]
-    tree["log_likelihood"] = xr.DataTree(whole.set_coords(parts))
-    return tree
-
-
-def _stored_readings(
-    model: JointModel, values: dict[str, Floats], generator: np.random.Generator
-) -> list[Stored]:
-    """Return the readings, their densities and replicates to keep."""
-    state, tests = model.state(values), model.tests(values)
-    read = (one for one in model.observations if isinstance(one, Pointwise))
-    return [kept for one in read for kept in one.stored(state, tests, generator)]
 
 
 def _add_observations(
@@ -134,13 +102,3 @@ def _add_observations(
         coords[one.axis] = np.arange(len(one.observed))
         dims |= {name: [one.axis] for name in (one.output, *one.constants)}
     return coords, dims
-
-
-def _label_observations(tree: xr.DataTree, stored: list[Stored]) -> xr.DataTree:
-    """Add specimen, pressure and degradation rate as coordinates of the observations."""
-    for one in stored:
-        coords = {name: (one.axis, values) for name, values in one.labels.items()}
-        for name in OBSERVED:
-            if one.axis in tree[name].dims:
-                tree[name] = xr.DataTree(tree[name].to_dataset().assign_coords(coords))
-    return tree

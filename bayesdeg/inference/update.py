@@ -79,10 +79,8 @@ def take_in(
     ----------
     before, after : JointModel
         The same parameters and priors; the second has the further readings.
-    vectors : array, shape (n, n_parameters)
-        Draws of the posterior before.
-    densities : array, shape (n,)
-        Their log densities before.
+    vectors, densities : array, shape (n, n_parameters) and (n,)
+        Draws of the posterior before, and their log densities.
     specimens : iterable of str
         Those of which there are further readings.
     generator : Generator
@@ -100,7 +98,11 @@ def take_in(
         found = _refit(after, weights, generator, enough)
         if found.effective >= FEWEST:
             return Updated(found, Method.REFIT, weights)
-        return Updated(_about_mode(after, vectors, generator, enough), Method.MODE, weights)
+        best = vectors[int(np.argmax(after.log_prob(vectors)))]
+        found = about_mode(after, approximate(after, generator, start=best), generator)
+        if found.effective > 0.0:
+            found = _refit(after, found, generator, enough)
+        return Updated(found, Method.MODE, weights)
 
 
 def reweighted(
@@ -118,18 +120,9 @@ def reweighted(
     .. math:: \ln w = \sum_s \ln p(y_s, y'_s \mid \theta) - \ln p(y_s \mid \theta)
 
     A specimen's readings share its deviation of stiffness, hence further ones y' of an earlier
-    specimen are evaluated together with its earlier ones y.
-
-    Parameters
-    ----------
-    before, after, vectors, densities, specimens
-        As of `take_in`.
-
-    Returns
-    -------
-    Evidence
-        Its largest weights smoothed, with the shape of their tail; ``log_evidence`` is that of the
-        further readings given the earlier ones [nats].
+    specimen are evaluated together with its earlier ones y. The largest weights are smoothed; the
+    evidence is that of the further readings given the earlier ones [nats]. The arguments are those
+    of `take_in`.
     """
     chosen = frozenset(specimens)
     values = after.table.named(vectors)
@@ -187,19 +180,9 @@ def _pooled(first: Evidence, second: Evidence) -> Evidence:
         np.concatenate([one.draws for one in samples]),
         np.concatenate(log_weights),
         sum(one.effective for one in samples),
-        np.concatenate([known for one in samples if (known := one.log_densities) is not None]),
+        np.concatenate([one.log_densities for one in samples]),
         pareto_k=float(np.nanmax([one.pareto_k for one in samples])),
     )
-
-
-def _about_mode(
-    after: JointModel, vectors: Floats, generator: np.random.Generator, enough: float
-) -> Evidence:
-    """Return an importance sample about the mode, searched from the most probable draw."""
-    density = after.log_prob(vectors)
-    laplace = approximate(after, generator, start=vectors[int(np.argmax(density))])
-    found = about_mode(after, laplace, generator)
-    return _refit(after, found, generator, enough) if found.effective > 0.0 else found
 
 
 def drawn_evenly(sample: Evidence, generator: np.random.Generator, count: int) -> NDArray[np.intp]:

@@ -417,7 +417,7 @@ def _fit(model: JointModel, updated: Updated, generator: np.random.Generator) ->
     places = drawn_evenly(sample, generator, DRAWS)
     vectors = sample.draws[places]
     known = sample.log_densities
-    density = model.log_prob(vectors) if known is None else known[places]
+    density = known[places] if len(known) else model.log_prob(vectors)
     shape = (ENSEMBLES, DRAWS // ENSEMBLES, 1)
     chain = Chain(vectors.reshape(*shape, -1), density.reshape(shape), np.ones(ENSEMBLES))
     best = int(np.argmax(density))

@@ -103,9 +103,9 @@ def runs(
         for mesh, curves in ((recipe.coarse_mesh, coarse), (recipe.fine_mesh, fine))
         for curve in curves
     ]
-    if design is None:
-        return found + _runs_of_single_causes(geometry, recipe)
-    return found + [run for tip in held for run in _moved(geometry, recipe, design, tip)]
+    if design is not None:
+        return found + [run for tip in held for run in _moved(geometry, recipe, design, tip)]
+    return found + _runs_of_single_causes(geometry, recipe)
 
 
 def _runs_of_single_causes(geometry: Moulded, recipe: Recipe) -> list[Run]:
@@ -138,16 +138,9 @@ _DEATHS = 3
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished run, passed to ``on_run``.
+    """A run that was missing from the store, its solution of any status, and its time [s].
 
-    Parameters
-    ----------
-    run : Run
-        A run missing from the store when the campaign began.
-    solution : Solution
-        Its solution, of any status.
-    seconds : float
-        Its time; 0 if another campaign solved it in the meantime [s].
+    The time is 0 if another campaign solved it in the meantime.
     """
 
     run: Run
@@ -175,19 +168,10 @@ def complete(
     that status. All are solved with one thread of linear algebra, so that the numbers are the same
     wherever they were solved.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        The required runs.
-    store : SolutionStore
-        A damaged solution in it is named in a warning and solved again; one that timed out is
-        retried if more time is allowed now.
-    executor : Executor, optional
-        Executor; by default serial, in this process.
-    timeout : float
-        Maximum wall time of a run, from its start [s].
-    on_run : callable, optional
-        Called after each run that was missing.
+    A damaged solution in the store is named in a warning and solved again; one that timed out is
+    retried if more time is allowed now. Without an executor, runs are solved here one by one.
+    ``timeout`` is the wall time of a run from its start [s]; ``on_run`` is called after each run
+    that was missing.
 
     Raises
     ------
@@ -273,7 +257,13 @@ class _ActiveRuns:
 
     def launch(self) -> bool:
         """Submit runs up to capacity; return whether any run is in progress."""
-        while self.failure is None and len(self.runs) < self._room():
+        # a second run per worker, so that none waits while results are stored
+        workers = self.executor.workers if isinstance(self.executor, Supervised) else None
+        most = 2 * (workers or os.cpu_count() or 1)
+        while self.failure is None:
+            is_alone = self.suspects or (self.alone and self.runs)
+            if len(self.runs) >= (1 if is_alone else most):
+                break
             self.alone = bool(self.suspects)
             run = self.suspects.popleft() if self.suspects else self.work.next_run()
             if run is None:
@@ -287,13 +277,6 @@ class _ActiveRuns:
                 ) from fault
             self.runs[future] = run
         return bool(self.runs)
-
-    def _room(self) -> int:
-        if self.suspects or (self.alone and self.runs):
-            return 1
-        # a second run per worker, so that none waits while results are stored
-        workers = self.executor.workers if isinstance(self.executor, Supervised) else None
-        return 2 * (workers or os.cpu_count() or 1)
 
     def land(self) -> None:
         """Wait for results, store them, and handle lost ones."""
@@ -315,19 +298,15 @@ class _ActiveRuns:
             else:
                 self.failure = self.failure or _unexpected(run, fault)
         if broken:
-            self._suspect(broken)
+            retried = f"{len(broken)} runs are retried, one at a time"
+            warnings.warn(f"a worker process died; {retried}", stacklevel=3)
+            self.suspects.extend(broken)
+        if len(broken) == 1:
+            self.deaths[broken[0]] += 1
+            if self.deaths[broken[0]] >= _DEATHS:
+                self.failure = self.failure or _deadly(broken[0])
         if isinstance(self.executor, Supervised):
             self.executor.check()
-
-    def _suspect(self, runs: list[Run]) -> None:
-        warnings.warn(
-            f"a worker process died; {len(runs)} runs are retried, one at a time", stacklevel=4
-        )
-        self.suspects.extend(runs)
-        if len(runs) == 1:
-            self.deaths[runs[0]] += 1
-            if self.deaths[runs[0]] >= _DEATHS:
-                self.failure = self.failure or _deadly(runs[0])
 
 
 def _broken(future: Future[tuple[Solution, float]]) -> bool:
@@ -364,22 +343,8 @@ def build(
 ) -> Surrogate:
     """Solve missing runs and train an emulator of a geometry.
 
-    Parameters
-    ----------
-    geometry : Moulded
-        The actuator as moulded.
-    store : SolutionStore
-        Finite element solutions; an interrupted campaign resumes from it.
-    recipe : Recipe, optional
-        Meshes and numbers of curves.
-    design : LocalDesign, optional
-        Curves of one study, instead of the recipe's over the whole range.
-    executor : Executor, optional
-        Executor of the runs.
-    timeout : float
-        Time after which a run is given up, from its start [s].
-    on_run : callable, optional
-        Called after each run that was missing.
+    With a design the curves are those of one study, instead of the recipe's over the whole range.
+    The other arguments are those of `complete`.
     """
     if design is None:
         refuse_whole_range(geometry)
@@ -522,9 +487,7 @@ def _departures(
 ) -> list[_Departed]:
     """Return departures of usable moved curves from their unmoved twins."""
     steepest, found = local_terms(geometry).steepest, []
-    observed = partial(observe, steepest=steepest)
-    if held:
-        observed = partial(observe_force)
+    observed = observe_force if held else partial(observe, steepest=steepest)
     for one, run in zip(design.moved, _moved(geometry, recipe, design, held), strict=True):
         curve = with_layer(geometry, one.curve)
         still = replace(run, geometry=geometry, curve=curve, origin=None)
@@ -664,17 +627,10 @@ class Expectation:
 
 
 def expect(campaign: Campaign, progress: Progress) -> Expectation:
-    """Estimate the time of a campaign, within seconds.
+    """Estimate the time of what is left of a campaign, within seconds.
 
     If runs of a mesh were timed, here or before, their median is used; otherwise the time of one
     factorization of its tangent, of which a curve takes about `FACTORIZATIONS`.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        Its solved runs are not repeated.
-    progress : Progress
-        Shows that meshes are tried.
     """
     counts = Counter(run.resolution for run in campaign.left())
     seconds, timed = campaign.store.seconds(), dict[Resolution, list[float]]()

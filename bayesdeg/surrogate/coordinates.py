@@ -226,6 +226,12 @@ class Batch:
         loads = np.broadcast_to(load, shape).reshape(-1, columns)
         return cls(shape, loads, groups, within, scaled, warp[:, None])
 
+    @property
+    def row_shape(self) -> tuple[int, ...]:
+        """Shape of the rows: that of the inputs, with one column unless each point is a row."""
+        points = len(self.warp) == np.prod(self.shape)
+        return self.shape if points else (*self.shape[:-1], 1)
+
     def brought_inside(self, span: TrainingRange) -> tuple[Self, Floats]:
         """Return the batch with every group in its range, and how far outside each row was.
 
@@ -266,11 +272,9 @@ class Batch:
         found = self.within[:, None] & (self.loads <= self.largest_load(span)[:, None])
         return found.reshape(self.shape)
 
-    def phi(self, loads: Floats) -> Floats | None:
-        """Return φ = s/(s + e q) at loads (n_rows, n_columns); None if no paper is slack."""
+    def phi(self, loads: Floats) -> Floats:
+        """Return φ = s/(s + e q) at loads (n_rows, n_columns); 0 for tight paper."""
         slack, give = (part[:, None] for part in self.slack)
-        if not np.any(slack > 0.0):
-            return None
         felt = np.where(slack > 0.0, slack, 1.0)
         return np.where(slack > 0.0, felt / (felt + give * loads), 0.0)
 

@@ -59,10 +59,9 @@ class Departure:
     limit_error: Floats
     further: tuple[Asked, ...] = ()
 
-    def away(self, dimensions: Mapping[str, Floats] | None, rows: tuple[int, ...]) -> Floats:
+    def away(self, given: Mapping[str, Floats], rows: tuple[int, ...]) -> Floats:
         """Return δ of given dimensions, 0 for others, (n_dimensions, n_rows)."""
         median, step, _, _ = self.ranges.T
-        given = dimensions or {}
         found = np.zeros((len(self.names), int(np.prod(rows))))
         for k, name in enumerate(self.names):
             if name in given:
@@ -119,8 +118,7 @@ class Departure:
         found = evaluate(_of_outputs(self, places), batch.scaled, warped, phi)
         found = found.reshape(len(self.parts), len(places) + 2, *warped.shape)
         *values, by_load, by_phi = np.einsum("pr,porc->orc", sizes, found)
-        place = np.zeros(()) if phi is None else phi
-        growth = (warped + 1.0) * by_load - place * (1.0 - place) * by_phi
+        growth = (warped + 1.0) * by_load - phi * (1.0 - phi) * by_phi
         variance = np.square(self.error[:, list(places)]).T @ np.square(sizes)
         return Change(np.exp(np.stack(values)), growth, variance[..., None])
 

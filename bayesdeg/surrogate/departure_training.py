@@ -12,10 +12,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
-from scipy.stats import norm
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
+from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.actuator.families import with_dimensions
 from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
@@ -23,6 +22,13 @@ from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.surrogate.departure import Departure
 from bayesdeg.surrogate.kept import PAIRED
 from bayesdeg.surrogate.regression import (
+    ANGLES,
+    EQUIVALENT,
+    INSIDE,
+    INSIDE_SD,
+    STRETCH,
+    VOLUME,
+    WEIBULL,
     Equations,
     Observed,
     Prior,
@@ -52,15 +58,11 @@ OF_PAIRS = Family((3, 1, 1, 1), (0, 0, 0, 0), _NO_CAUSE)
 OF_FINE = Family((1, 0, 0, 0), (0, 0, 0, 0), _NO_CAUSE)  # terms of the fine mesh's difference
 PRIOR = Prior(0.7, 0.5, 0.4, 3e-3)
 A_POWER = 0.4  # expected decay of coefficients per power
-INSIDE = 0.9  # share of held-out errors within the 90 % interval of a normal law
 LEAST_ERROR = 1e-4  # per step: rounding of the paths of two curves
 LEAST_END = 0.01  # standard error of ln(limit) per step
 UNSURE_END = 0.25  # the same, relative to the change: most ends are extrapolated
 
-_WEIBULL = tuple(len(OUTPUTS) + k for k in range(len(WEIBULL_MODULI)))
-_EQUIVALENT = tuple(len(OUTPUTS) + k for k in range(len(WEIBULL_MODULI), len(MEASURES)))
-VOLUME = len(OUTPUTS) + len(MEASURES)
-BLOCKS = (((0, 1), True), ((2,), False), (_WEIBULL, True), (_EQUIVALENT, False))
+BLOCKS = ((ANGLES, True), (STRETCH, False), (WEIBULL, True), (EQUIVALENT, False))
 """Outputs fitted together, and whether with derivatives."""
 
 
@@ -285,15 +287,7 @@ def _fit_block(
 
 @dataclass(frozen=True)
 class TrainedDeparture:
-    """A departure, and its errors at held-out curves.
-
-    Parameters
-    ----------
-    departure : Departure
-        The trained departure.
-    facts : dict
-        Facts for the record of the emulator.
-    """
+    """A departure, and facts for the record of the emulator with its errors at held-out curves."""
 
     departure: Departure
     facts: dict[str, object]
@@ -308,18 +302,9 @@ def fit_departure(
 ) -> TrainedDeparture:
     """Fit the departure of outputs with dimensions.
 
-    The highest power minimises held-out errors of curvature.
-
-    Parameters
-    ----------
-    dimensions : sequence of UncertainDimension
-        Dimensions in order.
-    free, held : sequence of pairs
-        Moved curves and their departures, of the shape and of the force at a held tip.
-    ends : sequence of pairs
-        Moved curves, with changes of ln of the load up to which they are smooth.
-    span : TrainingRange
-        Range of the curves.
+    ``free`` and ``held`` are departures of the shape, and of the force at a held tip; ``ends`` are
+    changes of ln of the load up to which curves are smooth. The highest power minimises held-out
+    errors of curvature.
     """
     tried = {
         power: _fit_block(free, (0,), span, derivatives=True, highest=power) for power in BY_POWER
@@ -329,7 +314,7 @@ def fit_departure(
     further: list[Asked] = []
     whole = list(BLOCKS)
     if all(np.all(np.isfinite(run.values[:, VOLUME])) for _, run in free):
-        whole.append(((VOLUME,), True))
+        whole.append((VOLUME, True))
         further.append("cavity_volume")
     for outputs, smooth in whole:
         fitted = _fit_block(free, outputs, span, derivatives=smooth, highest=highest)
@@ -367,7 +352,6 @@ def _errors(powers: Sequence[tuple[int, ...]], fitted: _Fitted, found: Differenc
     error = np.zeros((len(powers), count))
     away = np.array([found[k][0].away for k in fitted.of])
     is_fine = np.array([found[k][0].is_fine for k in fitted.of])
-    wide = norm.ppf(0.5 * (1.0 + INSIDE))
     for p, power in enumerate(powers):
         acting = [k for k, size in enumerate(power) if size]
         rows = np.all((away != 0.0) == (np.array(power) != 0), axis=1)
@@ -378,7 +362,7 @@ def _errors(powers: Sequence[tuple[int, ...]], fitted: _Fitted, found: Differenc
         for of_mesh in (rows & is_fine, rows & ~is_fine):
             if np.any(of_mesh):
                 missed = np.abs(fitted.left_out[of_mesh]) / size[of_mesh, None]
-                each = np.maximum(each, np.quantile(missed, INSIDE, axis=0) / wide)
+                each = np.maximum(each, np.quantile(missed, INSIDE, axis=0) / INSIDE_SD)
         if len(acting) > 1:
             firsts = [powers.index(tuple(int(i == k) for i in range(len(power)))) for k in acting]
             each = np.sqrt(np.maximum(each**2 - np.sum(error[firsts] ** 2, axis=0), 0.0))

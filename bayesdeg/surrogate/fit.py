@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
-from scipy.stats import norm
 from sklearn.linear_model import GammaRegressor
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
+from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import MODEL_VERSION, Status
@@ -25,8 +24,15 @@ from bayesdeg.surrogate.coordinates import LARGEST_WARPED, SLACK, coordinates, s
 from bayesdeg.surrogate.design import SHARES, is_answered, likely, space_filling
 from bayesdeg.surrogate.local import counted_in
 from bayesdeg.surrogate.regression import (
+    ANGLES,
     DERIVATIVE_WEIGHT,
+    EQUIVALENT,
+    INSIDE,
+    INSIDE_SD,
     STEEPEST,
+    STRETCH,
+    VOLUME,
+    WEIBULL,
     Equations,
     Observed,
     Prior,
@@ -55,12 +61,6 @@ Solved = tuple[Sequence[Curve], Sequence[PathSamples]]
 
 # ---- what is fitted with which terms
 
-ANGLES = (0, 1)  # curvature and bend angle: smooth, fitted with their derivatives
-STRETCH = (2,)  # a quantile over points, wavy: over a wide range only its values are fitted
-_MEASURED = tuple(len(OUTPUTS) + k for k in range(len(MEASURES)))
-WEIBULL, EQUIVALENT = _MEASURED[: len(WEIBULL_MODULI)], _MEASURED[len(WEIBULL_MODULI) :]
-VOLUME = (len(OUTPUTS) + len(MEASURES),)
-
 
 @dataclass(frozen=True)
 class FitPlan:
@@ -71,7 +71,7 @@ class FitPlan:
     outputs : tuple of int
         Outputs fitted together.
     derivatives : bool
-        Whether derivatives are used besides values.
+        Whether derivatives are used besides values: over a wide range not those of quantiles.
     family, correction : Family
         Terms on the coarse mesh, and of the fine mesh's deviation from it.
     prior, correction_prior : Prior
@@ -201,7 +201,6 @@ OF_CHANNELS = replace(BY_ITSELF, steepest=8.0)
 
 SMALLEST = 2e-4  # relative error attributed to rounding of the path
 PENALTY = 1e-3
-INSIDE = 0.9
 # weight of runs by how close their material is to those of studies: scale in standard deviations,
 # and smallest weight
 REACH, LEAST = 2.0, 0.02
@@ -238,7 +237,7 @@ def fit_errors(points: Floats, left_out: Floats, weights: Floats, family: Family
         order = np.argsort(spread)
         total = np.cumsum(weights[order])
         inside = float(spread[order][np.searchsorted(total, INSIDE * total[-1])])
-        level[0] += 2.0 * np.log(inside / norm.ppf(0.5 * (1.0 + INSIDE)))
+        level[0] += 2.0 * np.log(inside / INSIDE_SD)
         coefficients.append(level)
     return Terms(orders, np.array(coefficients))
 
@@ -268,7 +267,7 @@ def nearness(points: Floats, usual: Floats) -> Floats:
 def coverage(errors: Terms, points: Floats, left_out: Floats) -> list[float]:
     """Return the share of errors within the 90 % interval, one per output."""
     sd = np.exp(0.5 * features(errors.orders, points) @ errors.coefficients.T)
-    within = np.abs(left_out) <= norm.ppf(0.5 * (1.0 + INSIDE)) * sd
+    within = np.abs(left_out) <= INSIDE_SD * sd
     return [float(share) for share in within.mean(axis=0)]
 
 
@@ -600,16 +599,8 @@ def with_forces(
 ) -> Surrogate:
     """Return an emulator that also predicts the blocked tip force.
 
-    Parameters
-    ----------
-    surrogate : Surrogate
-        Emulator of the free actuator.
-    coarse, fine : pair of sequences
-        Curves and their solutions with the tip held, on either mesh.
-    usual : sequence of Curve
-        Curves at which the error is most accurate.
-    terms : FitTerms
-        The force is fitted with those of the volume.
+    It is fitted to curves with the tip held, with the terms of the volume; the error is most
+    accurate at the ``usual`` ones.
 
     Raises
     ------
@@ -658,14 +649,8 @@ def with_small_effects(
         - \partial_g (a \cdot \varphi)\right)^2 + w^2 \sum (a \cdot \varphi - S)^2,
 
     the first sum over the curves' equilibria and the causes g, the second, with w `OLD`, over
-    `OLD_CURVES` of the whole range. Without a cause nothing changes.
-
-    Parameters
-    ----------
-    surrogate : Surrogate
-        Emulator of the fine mesh.
-    curves, samples : sequences
-        Curves with one cause each, and their solutions.
+    `OLD_CURVES` of the whole range. Without a cause nothing changes. Each curve, of the fine mesh,
+    has one cause.
 
     Raises
     ------

@@ -167,15 +167,8 @@ def mesh_error_of(geometry: Moulded) -> float:
 
 
 def refuse_whole_range(geometry: Moulded) -> None:
-    """Refuse an emulator of the whole range for an actuator that is not a pneunet with paper.
-
-    Raises
-    ------
-    BayesdegError
-        Says why, and what to do instead.
-    """
-    reason = departure(geometry)
-    if reason:
+    """Raise BayesdegError for an actuator that is not a pneunet with paper."""
+    if reason := departure(geometry):
         raise BayesdegError(
             f"no emulator of the whole range can be trained for this actuator: {reason}, but that "
             "range is for pneunets with paper or film on the bottom; 'bayesdeg run STUDY' trains "
@@ -216,13 +209,7 @@ def cached_path(geometry: Moulded, recipe: Recipe, cache: Path = CACHE) -> Path:
 
 
 def read_content[T](path: Traversable, take: Callable[[bytes], T]) -> T:
-    """Apply a reader to the content of an emulator's file.
-
-    Raises
-    ------
-    BayesdegError
-        If it cannot be read or is damaged.
-    """
+    """Apply a reader to the content of an emulator's file; BayesdegError if it is damaged."""
     try:
         content = read_bytes(path, most_mb=EMULATOR_MB)
     except OSError as fault:
@@ -256,28 +243,14 @@ def backend_of(record: str) -> Backend:
 
 
 def refuse_outdated(path: Traversable, record: str) -> None:
-    """Refuse an emulator of a different version of the finite element model.
-
-    Raises
-    ------
-    BayesdegError
-        If the version differs.
-    """
-    old = outdated(record)
-    if old:
+    """Raise BayesdegError for an emulator of a different version of the finite element model."""
+    if old := outdated(record):
         raise BayesdegError(f"{path} {old}; train it again with 'bayesdeg emulate'")
 
 
 def refuse_other(geometry: Moulded, record: str) -> None:
-    """Refuse an emulator of a different geometry.
-
-    Raises
-    ------
-    BayesdegError
-        Naming the dimensions that differ.
-    """
-    changed = other_dimensions(geometry, record)
-    if changed:
+    """Raise BayesdegError for an emulator of a different geometry, naming what differs."""
+    if changed := other_dimensions(geometry, record):
         raise BayesdegError(
             f"the emulator is of a different geometry: {', '.join(changed)}; train one with "
             "'bayesdeg emulate STUDY --out FILE' and pass it to 'bayesdeg run' with --emulator FILE"
@@ -289,14 +262,7 @@ def search(
 ) -> EmulatorSearch:
     """Look for a trained emulator of a geometry by records: in the package, then in a cache.
 
-    Parameters
-    ----------
-    geometry : Moulded
-        The actuator of the study.
-    recipe : Recipe, optional
-        Its required training set; the package's has the default recipe.
-    cache : Path
-        Folder of emulators of other geometries.
+    The package's has the default recipe, which is the default here.
     """
     recipe = recipe or Recipe()
     path = cached_path(geometry, recipe, cache)
@@ -387,20 +353,8 @@ def rough_seconds(
     """Return the approximate time to train an emulator for a study [s].
 
     The time of a curve is assumed proportional to the number of elements; it is longer for wider or
-    higher meshes. The campaign itself measures it.
-
-    Parameters
-    ----------
-    dimensions : Mould
-        Dimensions of the actuator.
-    constraint : Constraint, optional
-        By default paper.
-    workers : int
-        Processes, each on its own core.
-    moved : sequence of UncertainDimension
-        Uncertain dimensions, for which additional curves are solved.
-    alone : bool
-        Whether an emulator of the nominal actuator exists already.
+    higher meshes. The campaign itself measures it. Additional curves are solved for ``moved``
+    dimensions; if ``alone``, an emulator of the nominal actuator exists already.
 
     Examples
     --------

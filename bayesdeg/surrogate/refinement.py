@@ -28,7 +28,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import Curve, PathSamples
@@ -36,14 +35,11 @@ from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.errors import BayesdegError
 from bayesdeg.surrogate.coordinates import coordinates
 from bayesdeg.surrogate.fit import (
-    ANGLES,
     FAMILY,
     FIRST,
     FLAT,
-    INSIDE,
     NONE,
     SMALLEST,
-    STRETCH,
     FitPlan,
     counted,
     coverage,
@@ -57,7 +53,11 @@ from bayesdeg.surrogate.fit import (
 )
 from bayesdeg.surrogate.local import InputDraws
 from bayesdeg.surrogate.regression import (
+    ANGLES,
+    INSIDE,
+    INSIDE_SD,
     STEEPEST,
+    STRETCH,
     Equations,
     Observed,
     Prior,
@@ -130,17 +130,9 @@ def refine(
 ) -> Refinement:
     """Refine an emulator's curvature, bend angle, strains and limit by curves of its own mesh.
 
-    Parameters
-    ----------
-    ground : Surrogate
-        The emulator.
-    curves, samples : sequences
-        Curves where a posterior lies, and their solutions on the emulator's mesh.
-    asked : InputDraws
-        All inputs used, in units of 1: the emulator's errors there are kept where the curves carry
-        no information.
-    steepest : float
-        Growth d ln κ / d ln p up to which curves are used [–].
+    The curves lie where a posterior does. At all inputs used, ``asked``, in units of 1, the
+    emulator's errors are kept where the curves carry no information. Curves are used up to a growth
+    d ln κ / d ln p of ``steepest``.
 
     Raises
     ------
@@ -185,12 +177,11 @@ def refine(
 
 @dataclass(frozen=True)
 class _Correction:
-    """A fitted correction.
+    """A fitted correction of the outputs of a plan.
 
     Parameters
     ----------
     plan : FitPlan
-        Plan of outputs corrected together.
     runs : list of Observed
     best : Regression
         Fit to all of them, held near zero elsewhere.
@@ -246,8 +237,7 @@ class _Correction:
     def scale(self) -> Floats:
         """Residual for which nine tenths of held-out errors lie in the 90 % interval."""
         spread = np.abs(np.vstack(self.left_out)) / np.concatenate(self.unit_errors)[:, None]
-        wide = norm.ppf(0.5 * (1.0 + INSIDE))
-        scale: Floats = np.quantile(spread, INSIDE, axis=0) / wide
+        scale: Floats = np.quantile(spread, INSIDE, axis=0) / INSIDE_SD
         return scale
 
     def prior_error(self, points: Floats) -> Floats:
@@ -338,7 +328,7 @@ def _error_terms(
             )
             level = np.linalg.solve(weighted.T @ matrix + penalty, weighted.T @ log_square)
             spread = at_near / np.exp(0.5 * matrix[: len(near)] @ level)
-            level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / norm.ppf(0.5 * (1.0 + INSIDE)))
+            level[0] += 2.0 * np.log(np.quantile(spread, INSIDE) / INSIDE_SD)
             parts[k] = Terms(FAMILY.orders, level[None])
     ordered = [parts[k] for k in sorted(parts)]
     return stacked(ordered[: len(OUTPUTS)]), stacked(ordered[len(OUTPUTS) :])

@@ -16,14 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import norm
 
 from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.demand import MEASURES
+from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.outputs import COLUMNS, OUTPUTS, PEAK, measured_strains
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.surrogate import coordinates as at
 from bayesdeg.surrogate.coordinates import Coordinates, coordinates
 from bayesdeg.surrogate.scaling import CAUSES, GROUPS, MATERIAL, NAMES, Place, TrainingRange
+from bayesdeg.surrogate.surrogate import OUTPUTS as SHAPE
 from bayesdeg.surrogate.surrogate import stretch_offset
 from bayesdeg.surrogate.terms import N_CHEBYSHEV, feature_gradients, features
 
@@ -37,6 +39,14 @@ COUNTED = [0, 1, -1]  # outputs relative to rest: curvature, bend angle, volume
 QUANTILES = [2, -3, -2]  # at rest all stretches are equal, so their initial growth is unknown
 STRAINED = slice(2, -1)  # those strained at rest too, where mismatch or weight act
 _VOLUME = OUTPUTS.index("cavity_volume")
+# columns of `Observed.values`, by how smooth they are
+ANGLES = (0, 1)  # curvature and bend angle
+STRETCH = (2,)  # a quantile over points, wavy
+WEIBULL = tuple(len(SHAPE) + k for k in range(len(WEIBULL_MODULI)))
+EQUIVALENT = tuple(len(SHAPE) + k for k in range(len(WEIBULL_MODULI), len(MEASURES)))  # wavy, too
+VOLUME = (len(SHAPE) + len(MEASURES),)
+INSIDE = 0.9  # share of held-out errors within the 90 % interval of a normal law
+INSIDE_SD = float(norm.ppf(0.5 * (1.0 + INSIDE)))  # half of that interval, in standard deviations
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ class Units:
         stiffness = given.paper_stiffness
         if self.layer is not None:  # the layer's, instead of the paper's
             scale = np.asarray(given.linear_scale)
-            modulus = self.layer if self.layer > 0.0 else NO_LAYER * _modulus(given)
+            modulus = self.layer if self.layer > 0.0 else NO_LAYER * modulus_of(given)
             stiffness = 1e3 * modulus * scale
             # any thickness but the paper's is part of the geometry
             thickness = None if thickness is None else NOMINAL_THICKNESS * scale
@@ -146,14 +146,14 @@ class Units:
             thickness = by["paper_thickness"] * NOMINAL_THICKNESS
             found["linear_scale"] = found["linear_scale"] + thickness
         if self.layer == 0.0:
-            relative = through / _modulus(counted)
+            relative = through / modulus_of(counted)
             found["c1"] = found["c1"] + relative
             if "second_invariant" in found:
                 found["second_invariant"] = found["second_invariant"] + SECOND * relative
         return found
 
 
-def _modulus(inputs: Inputs) -> Floats:
+def modulus_of(inputs: Inputs) -> Floats:
     """Return M = C1 + r/(2√3) [MPa]."""
     second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
     modulus: Floats = np.asarray(inputs.c1 + SECOND * np.asarray(second), dtype=np.float64)

@@ -166,15 +166,7 @@ class _DamagedError(Exception):
 
 @dataclass(frozen=True)
 class Failure:
-    """A run that ended without a solution.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    status : Status
-        Its status.
-    """
+    """A run that ended without a solution, and its status."""
 
     run: Run
     status: Status
@@ -197,19 +189,10 @@ class SolutionStore:
     folder: Path
 
     def get(self, run: Run, *, timeout: float = 0.0) -> Solution | None:
-        """Return the solution of a run, or None if it is missing.
+        """Return the solution of a run; None if it is missing.
 
-        Parameters
-        ----------
-        run : Run
-            The run.
-        timeout : float
-            Time allowed now [s]: a run given up after less counts as missing.
-
-        Warns
-        -----
-        UserWarning
-            Names a damaged file, which counts as missing.
+        A run given up after less than the ``timeout`` counts as missing [s], and so does a damaged
+        file, which is named in a warning.
         """
         try:
             return self._read(run, timeout)
@@ -235,21 +218,8 @@ class SolutionStore:
     ) -> bool:
         """Write a solution, unless an equally good one exists; return whether it was written.
 
-        Parameters
-        ----------
-        run : Run
-            The run of the solution.
-        solution : Solution
-            Solution of the run's kind.
-        seconds : float, optional
-            Time taken [s].
-        timeout : float
-            Time allowed [s].
-
-        Raises
-        ------
-        BayesdegError
-            If the folder cannot be written, as when the disk is full. Existing solutions stay.
+        ``seconds`` and ``timeout`` are the times taken and allowed [s]. If the folder cannot be
+        written, as when the disk is full, a ResumableError says so; existing solutions stay.
         """
         with suppress(_DamagedError):
             allowed = timeout if solution.status is Status.TIMED_OUT else np.inf

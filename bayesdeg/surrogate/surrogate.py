@@ -57,6 +57,7 @@ from bayesdeg.surrogate.scaling import (
     Group,
     TrainingRange,
     Units,
+    modulus_of,
 )
 from bayesdeg.surrogate.terms import (
     BLOCK,
@@ -66,7 +67,6 @@ from bayesdeg.surrogate.terms import (
     active_plan,
     contract,
     evaluate,
-    fill,
     stacked,
 )
 
@@ -143,25 +143,10 @@ def _words_of_group(
 def curvature_gradient(
     inputs: Inputs, batch: Batch, allowed: Flags, terms: Terms, span: TrainingRange
 ) -> dict[str, Floats]:
-    """Return derivatives of curvature times moulded length by every given field.
+    """Return derivatives of κ L by every given field [mm/m over its unit], L as moulded.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        Inputs without a reference pressure.
-    batch : Batch
-        Batch of the inputs, one row per point.
-    allowed : array of bool, shape (n_rows, 1)
-        Where the map is defined; elsewhere derivatives are nan.
-    terms : Terms
-        Terms whose first output is Y₀.
-    span : TrainingRange
-        Range of load and groups.
-
-    Returns
-    -------
-    dict of array
-        mm/m over the unit of the field.
+    The inputs have no reference pressure, and their batch one row per point. Derivatives are nan
+    where the map is not ``allowed``, (n_rows, 1). The first output of the terms is Y₀.
     """
     answered = allowed[:, 0]
     middle = 0.5 * (span.lower + span.upper)
@@ -376,8 +361,8 @@ def map_of_rows(
     for first in range(0, n_rows, BLOCK):
         count = min(BLOCK, n_rows - first)
         _take(work, rows, first, count)
-        _contracted(along, rows.points, terms, first, count)
-        _contracted(along_errors, rows.points, errors, first, count)
+        contract(along, rows.points, terms, first, count)
+        contract(along_errors, rows.points, errors, first, count)
         for column in range(n_columns):
             _place(work, loads, allowed, first, count, column)
             if slack or column == 0:
@@ -385,10 +370,10 @@ def map_of_rows(
                 _differentiate(series, terms.n_orders)
                 _series(error_series, by_phi[:0], along_errors, work[_PHI:_KNOWN], errors)
             _tabulate(polynomials, work[_WARPED:_PHI])
+            _sum(work[_ERROR:_END], error_series, polynomials)  # the fourth is 0, overwritten
             if slack:
                 _sum(work[_BY_PHI:], by_phi, polynomials)
             _sum(work[_OUT:_ERROR], series, polynomials)
-            _sum_errors(work[_ERROR:_BY_PHI], error_series, polynomials)
             _finish(work, mesh_error)
             _write(out, work, first, count, column)
     return out, allowed
@@ -411,26 +396,6 @@ def _take(work: Floats, rows: Rows, first: int, count: int) -> None:  # pragma: 
         )
         work[_SLACK + lane], work[_GIVE + lane] = rows.slack[row], rows.give[row]
         work[_OFFSET + lane], work[_BENDING + lane] = rows.offset[row], rows.bending[row]
-
-
-@compiled
-def _contracted(
-    along: Floats, points: Floats, plan: Plan, first: int, count: int
-) -> None:  # pragma: no cover - compiled
-    """Contract the terms of a block of rows to coefficients along load and φ."""
-    table = np.empty((plan.starts[-1], BLOCK))
-    product = np.empty((plan.parents.shape[0], BLOCK))
-    fill(table, points, plan.starts, first, count)
-    contract(
-        along,
-        product,
-        table,
-        plan.parents,
-        plan.factors,
-        plan.products,
-        plan.slots,
-        plan.coefficients,
-    )
 
 
 @compiled
@@ -516,23 +481,6 @@ def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: 
             sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
             sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
             sums[3 * BLOCK + lane] += c[3 * BLOCK + lane] * even + c[7 * BLOCK + lane] * odd
-
-
-@compiled
-def _sum_errors(
-    sums: Floats, series: Floats, polynomials: Floats
-) -> None:  # pragma: no cover - compiled
-    """Write the sums of the first three of four series in the load, two orders at a time."""
-    sums[: Y * BLOCK] = 0.0
-    # a reshape would cost more than the sums of an order
-    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
-    for n in range(0, len(series), 2):
-        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
-        for lane in range(BLOCK):
-            even, odd = t[lane], t[BLOCK + lane]
-            sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd
-            sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
-            sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
 
 
 @compiled
@@ -713,8 +661,7 @@ class Surrogate:
             return Batch.of(inputs, self.span), None
         shape = np.broadcast_shapes(np.shape(inputs.c1), *map(np.shape, given.values()))
         batch = Batch.of(replace(inputs, c1=np.broadcast_to(inputs.c1, shape)), self.span)
-        rows = batch.shape if len(batch.warp) == np.prod(batch.shape) else (*batch.shape[:-1], 1)
-        away = self.departure.away(given, rows)
+        away = self.departure.away(given, batch.row_shape)
         return replace(batch, within=batch.within & self.departure.inside(away)), away
 
     def continued(self, inputs: Inputs) -> Prediction:
@@ -749,13 +696,23 @@ class Surrogate:
     def _answer(
         self, inputs: Inputs, batch: Batch, largest: Floats, away: Floats | None
     ) -> Prediction:
-        rows = self._rows(inputs, batch, largest)
-        slack = bool(np.any(rows.slack > 0.0))
+        slack, give = batch.slack
+        scale = np.broadcast_to(inputs.linear_scale, batch.row_shape).ravel()
+        rows = Rows(
+            points=batch.scaled[list(ROW_AXES)],
+            largest=largest,
+            stretching=np.exp(batch.warp[:, 0]),
+            slack=slack,
+            give=give,
+            offset=stretch_offset(batch.groups),
+            bending=1e3 / self.length / scale,
+        )
+        is_slack = bool(np.any(slack > 0.0))
         values, allowed = map_of_rows(
             np.require(batch.loads, requirements=("C", "W")),  # one layout: compiled once
             rows,
-            active_plan(self.terms, batch.scaled, slack=slack),
-            active_plan(self.error, batch.scaled, slack=slack),
+            active_plan(self.terms, batch.scaled, slack=is_slack),
+            active_plan(self.error, batch.scaled, slack=is_slack),
             self.mesh_error,
         )
         if away is not None:
@@ -798,8 +755,7 @@ class Surrogate:
         phi = batch.phi(loads)
         y, by_load, by_phi = evaluate(_along_load(trained.terms), batch.scaled, warped, phi)
         log_error = evaluate(trained.error, batch.scaled, warped, phi)[0]
-        place = np.zeros(()) if phi is None else phi
-        growth = 1.0 + (warped + 1.0) * by_load - place * (1.0 - place) * by_phi
+        growth = 1.0 + (warped + 1.0) * by_load - phi * (1.0 - phi) * by_phi
         known = np.where(allowed, loads * rows.stretching[:, None], np.nan)
         if away is not None and self.departure is not None:
             at = len(OUTPUTS) + len(MEASURES) + self.departure.further.index(inputs.asked)
@@ -809,8 +765,7 @@ class Surrogate:
         length = self.length * inputs.linear_scale
         size = 2e-3 * length**3  # of both halves [ml or N]
         if inputs.asked == "tip_force":
-            second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
-            size = 2.0 * length**2 * (inputs.c1 + SECOND * second)
+            size = 2.0 * length**2 * modulus_of(inputs)
         value = np.asarray(size * (known * np.exp(y)).reshape(batch.shape))
         sd = value * np.sqrt(np.exp(log_error) + self.mesh_error**2).reshape(batch.shape)
         return Further(value, value * growth.reshape(batch.shape), sd)
@@ -876,9 +831,7 @@ class Surrogate:
         inputs = self.units.inputs(inputs)
         batch, away = self._batch(inputs)
         shape = (*batch.shape[:-1], 1) if batch.loads.shape[-1:] != (1,) else batch.shape
-        c1 = np.broadcast_to(inputs.c1, shape).ravel()
-        second = 0.0 if inputs.second_invariant is None else inputs.second_invariant
-        modulus = c1 + SECOND * np.broadcast_to(second, shape).ravel()
+        modulus = np.broadcast_to(modulus_of(inputs), shape).ravel()
         load, error = self._limit(batch, away)
         largest = batch.largest_load(self.span)
         pressure = np.where(batch.within, 1e3 * modulus * load * self.units.load, np.nan)
@@ -995,20 +948,6 @@ class Surrogate:
         """Return p/M up to which the map is defined, (n_rows,); −1 in rows outside."""
         largest = np.minimum(self._limit_load(batch, away), batch.largest_load(self.span))
         return np.where(batch.within, largest, -1.0)
-
-    def _rows(self, inputs: Inputs, batch: Batch, largest: Floats) -> Rows:
-        slack, give = batch.slack
-        rows = batch.shape if len(batch.warp) == np.prod(batch.shape) else (*batch.shape[:-1], 1)
-        scale = np.broadcast_to(inputs.linear_scale, rows).ravel()
-        return Rows(
-            points=batch.scaled[list(ROW_AXES)],
-            largest=largest,
-            stretching=np.exp(batch.warp[:, 0]),
-            slack=slack,
-            give=give,
-            offset=stretch_offset(batch.groups),
-            bending=1e3 / self.length / scale,
-        )
 
 
 def _warped(batch: Batch, rows: Rows, allowed: Flags) -> tuple[Floats, Floats]:

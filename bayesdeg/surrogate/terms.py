@@ -270,7 +270,11 @@ def plan_of(terms: Terms, active: tuple[bool, ...]) -> Plan:
     rows = orders[:, ROW_AXES]
     starts = np.concatenate([[0], np.cumsum(rows.max(axis=0, initial=0) + 1)])
     wanted = [tuple(row) for row in rows.tolist()]
-    chain = {product for row in wanted for product in _chain(row)} | {(0,) * len(ROW_AXES)}
+    chain = {(0,) * len(ROW_AXES)}
+    for product in wanted:  # with all products of fewer factors that lead to it
+        while product not in chain:
+            chain.add(product)
+            product, _, _ = _last_factor(product)
     place = {product: k for k, product in enumerate(sorted(chain))}
     made = [_last_factor(product) for product in place]
     n_orders = int(orders[:, 0].max(initial=0)) + 1
@@ -317,19 +321,11 @@ def _last_factor(orders: tuple[int, ...]) -> tuple[tuple[int, ...], int, int]:
     return (*orders[:axis], 0, *orders[axis + 1 :]), axis, orders[axis]
 
 
-def _chain(orders: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Return a product and all its factors' products."""
-    chain = [orders]
-    while any(chain[-1]):
-        chain.append(_last_factor(chain[-1])[0])
-    return chain
-
-
 BLOCK = 32  # rows
 N_CHEBYSHEV_ROWS = len(MATERIAL)
 
 
-def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats | None) -> Floats:
+def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats) -> Floats:
     """Return sums of terms, shape (n_outputs, n_rows, n_columns).
 
     Parameters
@@ -340,23 +336,12 @@ def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats | None) -> F
         Scaled material and causes, in the order of ``NAMES``; load and slack are not read.
     loads : array, shape (n_rows, n_columns)
         Warped load on [−1, 1].
-    phi : array, shape (n_rows, n_columns), optional
-        Slack coordinate; 0 if not given.
+    phi : array, shape (n_rows, n_columns)
+        Slack coordinate.
     """
-    plan = active_plan(terms, rows, slack=phi is not None and bool(np.any(phi != 0.0)))
-    summed: Floats = _sum_terms(
-        rows[list(ROW_AXES)],
-        np.ascontiguousarray(loads),
-        np.zeros((1, 1)) if phi is None else np.ascontiguousarray(phi),
-        plan.starts,
-        plan.parents,
-        plan.factors,
-        plan.products,
-        plan.slots,
-        plan.coefficients,
-        plan.n_orders,
-        plan.n_powers if phi is not None else 1,
-    )
+    plan = active_plan(terms, rows, slack=bool(np.any(phi != 0.0)))
+    points, (loads, phi) = rows[list(ROW_AXES)], map(np.ascontiguousarray, (loads, phi))
+    summed: Floats = _sum_terms(points, loads, phi, plan)
     return summed[: len(terms.coefficients)]
 
 
@@ -368,7 +353,7 @@ def active_plan(terms: Terms, rows: Floats, *, slack: bool) -> Plan:
 
 
 @compiled
-def fill(
+def _fill(
     table: Floats, axis_points: Floats, starts: Indices, first: int, count: int
 ) -> None:  # pragma: no cover - compiled
     """Tabulate the factors of a block of rows; lanes beyond the last row hold zeros."""
@@ -391,19 +376,28 @@ def fill(
 
 @compiled
 def contract(
-    along: Floats,
-    product: Floats,
-    table: Floats,
-    parents: Indices,
-    factors: Indices,
-    products: Indices,
-    slots: Indices,
-    coefficients: Floats,
+    along: Floats, points: Floats, plan: Plan, first: int, count: int
 ) -> None:  # pragma: no cover - compiled
-    """Contract the terms of a block of rows to coefficients along load and φ."""
+    """Contract the terms of a block of rows to coefficients along load and φ.
+
+    Parameters
+    ----------
+    along : array, shape (n_orders × n_powers, n_outputs, BLOCK)
+        Written.
+    points : array, shape (11, n_rows)
+        Scaled material and causes, in the order of ``ROW_AXES``.
+    plan : Plan
+        Plan of the terms.
+    first, count : int
+        The block's first row, and its number of rows.
+    """
+    products, slots, coefficients = plan.products, plan.slots, plan.coefficients
+    table = np.empty((plan.starts[-1], BLOCK))
+    _fill(table, points, plan.starts, first, count)
+    product = np.empty((plan.parents.shape[0], BLOCK))
     product[0, :] = 1.0
-    for f in range(1, parents.shape[0]):
-        new, parent, factor = product[f], product[parents[f]], table[factors[f]]
+    for f in range(1, plan.parents.shape[0]):
+        new, parent, factor = product[f], product[plan.parents[f]], table[plan.factors[f]]
         for lane in range(BLOCK):
             new[lane] = parent[lane] * factor[lane]
     along[:] = 0.0
@@ -448,38 +442,25 @@ def _along(
 
 @compiled
 def _sum_terms(
-    points: Floats,
-    loads: Floats,
-    phi: Floats,
-    starts: Indices,
-    parents: Indices,
-    factors: Indices,
-    products: Indices,
-    slots: Indices,
-    coefficients: Floats,
-    n_orders: int,
-    n_powers: int,
+    points: Floats, loads: Floats, phi: Floats, plan: Plan
 ) -> Floats:  # pragma: no cover - compiled
     """Sum the terms of a plan, block by block; see ``evaluate``."""
     n_rows, n_columns = loads.shape
-    n_outputs = coefficients.shape[1]
+    n_outputs = plan.coefficients.shape[1]
     out = np.empty((n_outputs, n_rows, n_columns))
-    table = np.empty((starts[-1], BLOCK))
-    product = np.empty((parents.shape[0], BLOCK))
-    along = np.empty((n_orders * n_powers, n_outputs, BLOCK))
+    along = np.empty((plan.n_orders * plan.n_powers, n_outputs, BLOCK))
     value = np.empty((n_outputs, BLOCK))
     work = np.empty((3, BLOCK))
     load, slack = np.zeros(BLOCK), np.zeros(BLOCK)
     for first in range(0, n_rows, BLOCK):
         count = min(BLOCK, n_rows - first)
-        fill(table, points, starts, first, count)
-        contract(along, product, table, parents, factors, products, slots, coefficients)
+        contract(along, points, plan, first, count)
         for column in range(n_columns):
             for lane in range(count):
                 load[lane] = loads[first + lane, column]
-                if n_powers > 1:
+                if plan.n_powers > 1:
                     slack[lane] = phi[first + lane, column]
-            _along(value, along, load, slack, work, n_orders)
+            _along(value, along, load, slack, work, plan.n_orders)
             for k in range(n_outputs):
                 for lane in range(count):
                     out[k, first + lane, column] = value[k, lane]

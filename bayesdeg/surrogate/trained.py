@@ -77,14 +77,7 @@ def default_surrogate() -> Surrogate:
 
 
 def surrogate_for(geometry: Moulded, surrogate: Surrogate | None = None) -> Surrogate:
-    """Return an emulator, checked to be of this geometry.
-
-    Parameters
-    ----------
-    geometry : Moulded
-        The actuator of the study.
-    surrogate : Surrogate, optional
-        By default the shipped one.
+    """Return an emulator, by default the shipped one, checked to be of this geometry.
 
     Raises
     ------
@@ -101,16 +94,7 @@ def lacking(
     asked: Sequence[Asked],
     uncertain: Sequence[UncertainDimension] = (),
 ) -> str:
-    """Say which requested outputs besides the shape an emulator lacks; empty if none.
-
-    Parameters
-    ----------
-    surrogate : Surrogate
-        Any emulator.
-    asked : sequence of str
-        Requested outputs besides the shape.
-    uncertain : sequence of UncertainDimension
-        Dimensions whose ranges it must cover.
+    """Say which requested output, or range of a dimension, an emulator lacks; empty if none.
 
     Examples
     --------
@@ -135,15 +119,8 @@ def refuse_lacking(
     asked: Sequence[Asked],
     uncertain: Sequence[UncertainDimension] = (),
 ) -> None:
-    """Refuse an emulator that lacks requested outputs besides the shape.
-
-    Raises
-    ------
-    BayesdegError
-        Says what it lacks, and what to do.
-    """
-    reason = lacking(surrogate, asked, uncertain)
-    if reason:
+    """Raise BayesdegError if an emulator lacks an output or a range, see `lacking`."""
+    if reason := lacking(surrogate, asked, uncertain):
         raise BayesdegError(f"{reason}; 'bayesdeg run STUDY' trains a suitable one")
 
 
@@ -223,13 +200,7 @@ def is_current_fit(record: str) -> bool:
 
 
 def write_trained(path: Path, surrogate: Surrogate) -> None:
-    """Write an emulator to a file, completely or not at all.
-
-    Raises
-    ------
-    ResumableError
-        If the file cannot be written; solutions are not lost.
-    """
+    """Write an emulator to a file, completely or not at all; ResumableError if that fails."""
     try:
         with written(path) as part:
             part.write_bytes(to_bytes(surrogate))
@@ -238,17 +209,7 @@ def write_trained(path: Path, surrogate: Surrogate) -> None:
 
 
 def find(geometry: Moulded, *, recipe: Recipe | None = None, cache: Path = CACHE) -> Found:
-    """Look for a trained emulator of a geometry: first in the package, then in a cache.
-
-    Parameters
-    ----------
-    geometry : Moulded
-        The actuator of the study.
-    recipe : Recipe, optional
-        Its required training set; the package's has the default recipe.
-    cache : Path
-        Folder of emulators of other geometries.
-    """
+    """Return the trained emulator that `search` finds in the package or in a cache."""
     found = search(geometry, recipe=recipe, cache=cache)
     if found.source is None:
         return Found(None, found.path, found.reason)

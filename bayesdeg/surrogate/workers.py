@@ -34,21 +34,9 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 def solve(run: Run, key: str, timeout: float) -> tuple[Solution, float]:
     """Solve one run in this process; return its solution and time in seconds.
 
-    Mesh and symbolic factorization are reused from the previous run of the same actuator.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    key : str
-        The run's name where it was requested.
-    timeout : float
-        Wall time after which the path is given up, from its start [s].
-
-    Raises
-    ------
-    BayesdegError
-        If the run's key differs here: a different version of the package.
+    Mesh and symbolic factorization are reused from the previous run of the same actuator. The path
+    is given up after ``timeout`` seconds. A ``key`` that differs here from where the run was
+    requested is of a different version of the package: BayesdegError.
     """
     if run.key() != key:
         raise BayesdegError(
@@ -241,13 +229,6 @@ class ClusterExecutor(Executor):
 
     Dask's own executor reports a lost scheduler by cancelled futures at best, or by futures that
     never end if the connection broke while fetching a result.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        A connected client.
-    address : str
-        Address of its scheduler.
     """
 
     def __init__(self, client: Any, address: str) -> None:
@@ -365,15 +346,7 @@ def workplace(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
 
 @contextmanager
 def pool(workers: int, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Open an executor for finite element runs.
-
-    Parameters
-    ----------
-    workers : int
-        Processes on this machine, each with one thread of linear algebra; none for 1.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers are used instead.
-    """
+    """Open processes on this machine, none for 1, or the workers of a Dask scheduler."""
     if scheduler is not None:
         with cluster_executor(scheduler) as executor:
             yield executor
@@ -390,12 +363,7 @@ def kept_processes(workers: int) -> Iterator[Executor | None]:
     """Open worker processes that stay open for the next verb, until this process ends.
 
     Opening them costs as much as a quick calibration. They do not import the main program, so that
-    a script without ``if __name__ == "__main__"`` is not started again.
-
-    Parameters
-    ----------
-    workers : int
-        Number of processes; none for 1.
+    a script without ``if __name__ == "__main__"`` is not started again. None are opened for 1.
     """
     if workers == 1:
         yield None

@@ -232,7 +232,7 @@ class Folder(Adapter):
 
     @property
     def _subject(self) -> JointModel | None:
-        return self.model if self.model.has_readings else None
+        return self.model if self.model.criticised else None
 
     def _of_readings(self, values: Floats) -> Block:
         assert self._subject is not None

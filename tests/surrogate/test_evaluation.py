@@ -19,7 +19,9 @@ def random_rows(generator, n_rows, n_columns, *, active=range(9)):
     for cause in active:
         rows[4 + cause] = generator.uniform(-1.0, 1.0, n_rows)
     loads = generator.uniform(-1.0, 1.0, (n_rows, n_columns))
-    phi = generator.uniform(0.0, 1.0, (n_rows, n_columns)) if SLACK - 4 in active else None
+    phi = np.zeros((n_rows, n_columns))
+    if SLACK - 4 in active:
+        phi = generator.uniform(0.0, 1.0, phi.shape)
     return rows, loads, phi
 
 
@@ -32,7 +34,7 @@ def by_hand(terms, rows, loads, phi):
     for row, column in np.ndindex(loads.shape):
         point = rows[:, row].copy()
         point[0] = loads[row, column]
-        point[SLACK] = 0.0 if phi is None else phi[row, column]
+        point[SLACK] = phi[row, column]
         out[:, row, column] = slow_sum(terms, point)
     return out
 
@@ -57,7 +59,7 @@ def test_terms_left_out_for_neutral_causes_change_nothing():
     generator = np.random.default_rng(1)
     terms = random_terms(generator, 200, 2, size=1.0)
     rows, loads, _ = random_rows(generator, 40, 3, active=[1, 2])
-    reduced = evaluate(terms, rows, loads, None)
+    reduced = evaluate(terms, rows, loads, np.zeros_like(loads))
     rows_and_one = np.hstack([rows, random_rows(generator, 1, 3)[0]])
     loads_and_one = np.vstack([loads, np.zeros((1, 3))])
     phi = np.zeros((41, 3))
