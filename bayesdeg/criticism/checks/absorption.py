@@ -207,18 +207,15 @@ def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
 
 def _interval(parameter: Parameter, draws: Floats, weights: Floats | None = None) -> list[float]:
     """Return median and 90 % interval of draws on the sampler's scale, (n,), in the unit."""
-    return [float(parameter.law.from_unconstrained(q)) for q in _quantiles(draws, weights)]
+    if weights is None:
+        found = np.quantile(draws, QUANTILES)
+    else:
+        order = np.argsort(draws)
+        found = np.interp(QUANTILES, np.cumsum(weights[order]), draws[order])
+    return [float(parameter.law.from_unconstrained(q)) for q in found]
 
 
 NO_INTERVAL = [float("nan")] * 3  # of a flat prior
-
-
-def _quantiles(draws: Floats, weights: Floats | None) -> Floats:
-    if weights is None:
-        return np.quantile(draws, QUANTILES)
-    order = np.argsort(draws)
-    found: Floats = np.interp(QUANTILES, np.cumsum(weights[order]), draws[order])
-    return found
 
 
 def holm(p_values: Floats) -> Floats:
@@ -619,15 +616,12 @@ def _pushes(search: Search, base: Split, chosen: Names) -> Iterable[Push]:
         else:
             effect = PlacedEffect.at(base.model, base.linear.mode, *step.guess(cause.name))
             shift, factor = base.shift_by(effect), step.screened[cause.name].log_bayes_factor
-        yield _push((cause.name,), factor, shift, names)
+        yield Push((cause.name,), factor, dict(zip(names, shift.tolist(), strict=True)))
     if len(chosen) > 1:
         trial = search.trials[chosen]
-        shift = base.refit_shift(trial, effect_in(trial, chosen))
-        yield _push(tuple(sorted(chosen)), search.factor(chosen), shift, names)
-
-
-def _push(causes: tuple[str, ...], factor: float, shift: Floats, names: Iterable[str]) -> Push:
-    return Push(causes, factor, dict(zip(names, shift.tolist(), strict=True)))
+        shifts = base.refit_shift(trial, effect_in(trial, chosen)).tolist()
+        together = dict(zip(names, shifts, strict=True))
+        yield Push(tuple(sorted(chosen)), search.factor(chosen), together)
 
 
 def effect_in(trial: CandidateFit, names: Names) -> PlacedEffect:

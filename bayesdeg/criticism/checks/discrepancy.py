@@ -96,10 +96,13 @@ def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, 
                 size = np.abs(mean[own])
                 share = 1.0 if number == 0 else of_others
                 envelope[own] = share * (size + 0.1 * size.max(initial=0.0))
-            for label, kernel in shapes:
-                root = _root(kernel * np.outer(envelope[rows], envelope[rows]))
-                whole = np.zeros((len(rows), root.shape[1]))
-                whole[rows] = root
+            for label, correlation in shapes:
+                kernel = correlation * np.outer(envelope[rows], envelope[rows])
+                # a factor of low rank, by Cholesky with pivots
+                least = SMALLEST * float(np.diag(kernel).max())
+                factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=least)
+                whole = np.zeros((len(rows), rank))
+                whole[np.flatnonzero(rows)[pivots - 1]] = np.tril(factor)[:, :rank]
                 yield family, label, whole
 
 
@@ -123,15 +126,6 @@ def _shapes(places: Places) -> Iterator[tuple[str, Floats]]:
         if 1 < len(np.unique(group)) < len(places):
             same = (group[:, None] == group).astype(np.float64)
             yield f"the path, for each {label}", smooth(LONG, EVERYWHERE) * same
-
-
-def _root(kernel: Floats) -> Floats:
-    """Return a factor (n, r) of a covariance of low rank, by Cholesky with pivots."""
-    factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=SMALLEST * float(np.diag(kernel).max()))
-    lower = np.tril(factor)[:, :rank]
-    root = np.empty_like(lower)
-    root[pivots - 1] = lower
-    return root
 
 
 AMPLITUDES = np.geomspace(0.005, 1.0, 25)
@@ -195,10 +189,10 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
     simulated : array, shape (k, n_readings)
         Data sets; nan where the model had no answer.
     """
-    known = np.all(np.isfinite(simulated), axis=1)
+    known, drawn = answered(simulated), len(simulated)
     kernels = discrepancies(linear)
     statistic, best = largest_ratio(linear.observed[None], kernels)
-    null, _ = largest_ratio(linear.whiten(simulated[known]), kernels)
+    null, _ = largest_ratio(linear.whiten(known), kernels)
     kernel = kernels[int(best[0]) // len(AMPLITUDES)]
     amplitude = AMPLITUDES[int(best[0]) % len(AMPLITUDES)]
     signal = amplitude**2 * kernel.values
@@ -210,9 +204,14 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
         family=kernel.family,
         label=kernel.label,
         discrepancy=linear.whitening.coloured(shrunk),
-        lost=1.0 - float(np.mean(known)) if len(known) else 0.0,
-        drawn=len(known),
+        lost=1.0 - len(known) / drawn if drawn else 0.0,
+        drawn=drawn,
     )
+
+
+def answered(simulated: Floats) -> Floats:
+    """Return the simulated data sets (k, n_readings) in which the model had every answer."""
+    return simulated[np.all(np.isfinite(simulated), axis=1)]
 
 
 def _p_value(statistic: float, null: Floats) -> float:
@@ -248,7 +247,7 @@ def resolved(
     null, drawn = misfit.null, misfit.drawn
     while FEWEST <= len(null) < most and not is_clear(misfit.statistic, null, level):
         simulated = simulate(min(len(null), most - len(null)))
-        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        known = answered(simulated)
         drawn += len(simulated)
         if not len(known):
             break
@@ -338,12 +337,16 @@ def largest_ratio(
     """
     ratios = []
     for kernel in kernels:
-        squares = (whitened @ kernel.vectors) ** 2
         signal = AMPLITUDES[:, None] ** 2 * kernel.values
-        gain = 0.5 * (signal / (1.0 + signal)) @ squares.T
-        ratios.append(gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None])
+        ratios.append(log_ratios(signal, whitened @ kernel.vectors))
     table = np.concatenate(ratios)
     return np.maximum(table.max(axis=0), 0.0), table.argmax(axis=0)
+
+
+def log_ratios(signal: Floats, projected: Floats) -> Floats:
+    """Return ln N(z; 0, I + Q diag(s) Qᵀ) − ln N(z; 0, I), (a, k), for s (a, r) and z Q (k, r)."""
+    gain: Floats = 0.5 * (signal / (1.0 + signal)) @ (projected**2).T
+    return gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None]
 
 
 def interval_with_discrepancy(trial: CandidateFit, name: str) -> tuple[float, float]:

@@ -28,7 +28,7 @@ d its direction, F F' the covariance of the readings with the parameters integra
 of errors and scatter alone.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise, product
@@ -387,20 +387,15 @@ def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> Kno
             columns.append(whole)
     order = sorted(range(len(terms)), key=lambda i: terms[i].complexity)
     directions = np.array([columns[i] for i in order]).reshape(len(terms), len(places)).T
-    return _offered(linear, [terms[i] for i in order], directions)
-
-
-def _offered(linear: Linear, terms: Sequence[KnownTerm], directions: Floats) -> KnownTerms:
-    """Return the terms that parameters cannot absorb, without equivalent ones."""
     whitened = linear.whiten_columns(directions)
     own = linear.whitening.inverse @ directions
-    square, whole = np.sum(whitened**2, axis=0), np.sum(own**2, axis=0)
-    seen = np.flatnonzero(square > np.maximum(LEAST_LEFT * whole, 1e-12))
+    square, before = np.sum(whitened**2, axis=0), np.sum(own**2, axis=0)
+    seen = np.flatnonzero(square > np.maximum(LEAST_LEFT * before, 1e-12))
     unit = whitened[:, seen] / np.sqrt(square[seen])
     same = np.abs(unit.T @ unit) > ALIKE
     first = np.array([not same[i, :i].any() for i in range(len(seen))], dtype=bool)
     kept = seen[first] if len(seen) else seen
-    found = tuple(terms[i] for i in kept.tolist())
+    found = tuple(terms[order[i]] for i in kept.tolist())
     complexity = np.array([one.complexity for one in found], dtype=int)
     count = np.bincount(complexity, minlength=1)
     penalty = np.log(count[complexity]) if len(found) else np.zeros(0)
@@ -450,19 +445,21 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownCo
         TIME.column: places.time,
         HUMIDITY.column: places.humidity,
     }
-    modulus = _modulus(linear, places)
-    if modulus is not None:
-        numbers[LOAD.column] = 1e-3 * places.along / modulus
+    model = linear.subject
+    if places.family[0] == ACTUATOR and isinstance(model.world, FilmsAndActuators):
+        rates, place = np.unique(places.level, return_inverse=True)
+        numbers[LOAD.column] = 1e-3 * places.along / moduli_at(model, linear.mode, rates)[place]
     unit = " %" if places.family[0] in PATHS else ""
     centres, member = levels(places.level)
     labels = {RATE.column: np.array([f"{centre:.3g}{unit}" for centre in centres])[member]}
     labels[BATCH.column] = np.array([batches.get(str(name), "") for name in places.specimen])
-    split = _histories(places)
-    if split is None:
-        labels[HISTORY.column] = places.history
-    else:
+    words = [history.split() for history in places.history.tolist()]
+    if all(len(one) == 3 and one[1].isdigit() for one in words):  # branch, cycle and mount
+        split = np.array(words)
         labels[BRANCH.column], labels[MOUNT.column] = split[:, 0], split[:, 2]
         numbers[CYCLE.column] = split[:, 1].astype(np.float64) - 1.0
+    else:
+        labels[HISTORY.column] = places.history
     return KnownColumns({n: v for n, v in numbers.items() if np.all(np.isfinite(v))}, labels)
 
 
@@ -495,23 +492,6 @@ def moduli_at(model: JointModel, vector: Floats, rates: Floats) -> Floats:
     values = model.table.named(vector[None])
     moduli: Floats = young_modulus(values, model.world.constants(values, rates), model.causes)[0]
     return moduli
-
-
-def _modulus(linear: Linear, places: Places) -> Floats | None:
-    """Return 6 C1 at the degradation rate of each reading [MPa]; None if x is not a pressure."""
-    model = linear.subject
-    if places.family[0] != ACTUATOR or not isinstance(model.world, FilmsAndActuators):
-        return None
-    rates, place = np.unique(places.level, return_inverse=True)
-    return np.asarray(moduli_at(model, linear.mode, rates)[place])
-
-
-def _histories(places: Places) -> Labels | None:
-    """Return branch, cycle and mount of each reading; None for histories of a different kind."""
-    words = [history.split() for history in places.history.tolist()]
-    if any(len(one) != 3 or not one[1].isdigit() for one in words):
-        return None
-    return np.array(words)
 
 
 def _terms_of(linear: Linear, rows: Flags, known: KnownColumns) -> Iterator[KnownTerm]:

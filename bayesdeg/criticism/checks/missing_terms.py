@@ -30,7 +30,7 @@ Scott and Berger (2010), doi:10.1214/10-AOS792; Barber and Candès (2015), doi:1
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -184,8 +184,13 @@ def missing_terms(
         return MissingTerms((), len(offered), len(null), float("nan"))
     picks = search_terms(offered, linear.observed, null)
     p_value = picks[0].p_value if picks else 1.0
-    held = _held_out(linear, offered, len([one for one in picks if one.p_value <= FALSE_TERMS]))
-    given = _given(picks, held)
+    given = len([one for one in picks if one.p_value <= FALSE_TERMS])
+    held = _held_out(linear, offered, given)
+    for count in range(0 if held is None else given):
+        gain, error = _gain_of(held, count)
+        if not gain > error:  # held-out specimens do not confirm it
+            given = count
+            break
     terms = _described(linear, offered, picks[:given], held, misfit)
     best = terms[:1] or _described(linear, offered, picks[:1], held, misfit)
     return MissingTerms(terms, len(offered), len(null), p_value, next(iter(best), None))
@@ -253,18 +258,6 @@ def search_terms(
         along = unit[:, best]
         directions = directions - np.outer(along, along @ directions)
     return tuple(found)
-
-
-def _given(picks: Sequence[Pick], held: Floats | None) -> int:
-    """Return the number of terms given: beyond chance and confirmed by held-out specimens."""
-    significant = len([one for one in picks if one.p_value <= FALSE_TERMS])
-    if held is None:
-        return significant
-    for count in range(significant):
-        gain, error = _gain_of(held, count)
-        if not gain > error:
-            return count
-    return significant
 
 
 def _gain_of(held: Floats, place: int) -> tuple[float, float]:
@@ -345,6 +338,12 @@ class _Fold:
         rest = ~self.held
         return np.asarray(cholesky(self.linear.covariance[np.ix_(rest, rest)], lower=True))
 
+    @cached_property
+    def cross(self) -> Floats:
+        """Covariance of the others, whitened, and the held-out readings."""
+        between = self.linear.covariance[np.ix_(~self.held, self.held)]
+        return np.asarray(solve_triangular(self.others, between, lower=True))
+
     def whitened(self, columns: Floats) -> Floats:
         """Return columns (n, k), of all others, on their whitened scale."""
         rest = columns[~self.held]
@@ -352,16 +351,13 @@ class _Fold:
 
     def conditional(self, columns: Floats) -> Floats:
         """Return columns (n, k) of the held-out readings, less their prediction from the others."""
-        covariance = self.linear.covariance
-        cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
-        return np.asarray(columns[self.held] - cross.T @ self.whitened(columns))
+        return np.asarray(columns[self.held] - self.cross.T @ self.whitened(columns))
 
     @cached_property
     def own(self) -> Floats:
         """Covariance of the held-out readings given the others."""
-        covariance = self.linear.covariance
-        cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
-        return np.asarray(covariance[np.ix_(self.held, self.held)] - cross.T @ cross)
+        covariance = self.linear.covariance[np.ix_(self.held, self.held)]
+        return np.asarray(covariance - self.cross.T @ self.cross)
 
 
 def _held_out(linear: Linear, offered: KnownTerms, most: int) -> Floats | None:
@@ -374,31 +370,25 @@ def _held_out(linear: Linear, offered: KnownTerms, most: int) -> Floats | None:
     if len(names) < 2 or most == 0:
         return None
     member = {name: i % min(FOLDS, len(names)) for i, name in enumerate(names)}
-    fold = np.array([member.get(name, -1) for name in group.tolist()])
-    return np.array(
-        [_fold_densities(linear, offered, fold == k, most) for k in np.unique(fold) if k >= 0]
-    )
-
-
-def _fold_densities(
-    linear: Linear, offered: KnownTerms, held: NDArray[np.bool_], most: int
-) -> list[float]:
-    fold = _Fold(linear, held)
+    numbers = np.array([member.get(name, -1) for name in group.tolist()])
     residual = (linear.subject.observed - linear.mean)[:, None]
-    data, whitened = fold.whitened(residual)[:, 0], fold.whitened(offered.directions)
-    inside = KnownTerms(offered.terms, offered.directions, whitened, offered.penalty)
-    picks = search_terms(inside, data, np.zeros((0, len(data))), most=most)
     found = []
-    for count in range(most + 1):
-        chosen = [one.index for one in picks[:count]]
-        mean, covariance = fold.conditional(residual)[:, 0], fold.own
-        if chosen:
-            seen = whitened[:, chosen]
-            uncertain = np.linalg.inv(seen.T @ seen)
-            acts = fold.conditional(offered.directions[:, chosen])
-            mean = mean - acts @ (uncertain @ (seen.T @ data))
-            covariance = covariance + acts @ uncertain @ acts.T
-        factor = cho_factor(covariance, lower=True)
-        logs = 2.0 * np.sum(np.log(np.diag(factor[0])))
-        found.append(float(-0.5 * (mean @ cho_solve(factor, mean) + logs)))
-    return found
+    for k in range(min(FOLDS, len(names))):
+        fold, densities = _Fold(linear, numbers == k), []
+        data, whitened = fold.whitened(residual)[:, 0], fold.whitened(offered.directions)
+        inside = replace(offered, whitened=whitened)
+        picks = search_terms(inside, data, np.zeros((0, len(data))), most=most)
+        for count in range(most + 1):
+            chosen = [one.index for one in picks[:count]]
+            mean, covariance = fold.conditional(residual)[:, 0], fold.own
+            if chosen:
+                seen = whitened[:, chosen]
+                uncertain = np.linalg.inv(seen.T @ seen)
+                acts = fold.conditional(offered.directions[:, chosen])
+                mean = mean - acts @ (uncertain @ (seen.T @ data))
+                covariance = covariance + acts @ uncertain @ acts.T
+            factor = cho_factor(covariance, lower=True)
+            logs = 2.0 * np.sum(np.log(np.diag(factor[0])))
+            densities.append(float(-0.5 * (mean @ cho_solve(factor, mean) + logs)))
+        found.append(densities)
+    return np.array(found)

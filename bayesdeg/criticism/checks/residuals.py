@@ -452,6 +452,7 @@ RARE = 0.02  # p-value up to which a group has more of the misfit than by chance
 MOST = 0.5  # share of the misfit statistic above which a group dominates
 MORE = 1.25  # factor by which it must exceed its share of the readings
 FEW, FEW_OF_ALL = 3, 0.25  # most specimens that count as a few
+FAINT = 1e-6  # relative to the largest: a direction spanned by the others
 
 
 @dataclass(frozen=True)
@@ -490,12 +491,14 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
     readings = float(np.sum(np.any([group.rows for group in chosen], axis=0)) / np.sum(family))
     if share < max(MOST, MORE * readings):
         return None
-    excess = tuple(_excess(linear, group, family) for group in chosen)
-    names = tuple(group.name for group in chosen)
+    size = np.where(family, linear.prediction, 0.0)
+    projections = [regression(linear, 0.01 * size * group.rows, size) for group in chosen]
     return Concentration(
         kind=chosen[0].kind,
-        members=names,
-        excess_pct=excess,
+        members=tuple(group.name for group in chosen),
+        excess_pct=tuple(
+            0.0 if one is None else float(linear.observed @ one[:, 0]) for one in projections
+        ),
         share_of_misfit=share,
         share_of_readings=readings,
         p_value=float(p_values[best]),
@@ -512,6 +515,13 @@ def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) ->
     return tuple(groups[i] for i in out) if len(out) <= few else ()
 
 
+def histories_of(places: Places, rows: Flags) -> NDArray[np.str_]:
+    """Return branch, cycle and mount of actuators' readings, (n, 3); empty for other readings."""
+    split = np.full((len(rows), 3), "", dtype=np.array(places.history).dtype)
+    split[rows] = [history.split() for history in places.history[rows]]
+    return split
+
+
 def _groups(places: Places) -> Iterator[_Group]:
     of_actuators = bool(np.any(places.family == ACTUATOR))
     family = places.family == ACTUATOR if of_actuators else np.ones(len(places), bool)
@@ -523,9 +533,7 @@ def _groups(places: Places) -> Iterator[_Group]:
     for name in specimens if len(specimens) >= 1 / FEW_OF_ALL else ():
         yield _Group(SPECIMEN, str(name), family & (places.specimen == name))
     if of_actuators:
-        split = np.full((len(family), 3), "", dtype=np.array(places.history).dtype)
-        split[family] = [history.split() for history in places.history[family]]
-        branch, cycle, mount = split.T
+        branch, cycle, mount = histories_of(places, family).T
         found = [_Group(BRANCH, "unloading", branch == "unloading")]
         later = [str(c) for c in np.unique(cycle[family]) if c != "1"]
         found += [_Group(CYCLE, f"cycle {name}", cycle == name) for name in later]
@@ -548,14 +556,13 @@ def _gain(linear: Linear, groups: tuple[_Group, ...], data: Floats) -> Floats:
         size = np.where(group.rows, linear.prediction, 0.0)
         middle = float(np.mean(places.along[group.rows]))
         columns += [size, size * (places.along - middle) / max(float(np.ptp(places.along)), 1e-12)]
-    whitened = linear.whiten_columns(np.column_stack(columns))
+    return gain_of(linear, np.column_stack(columns), data)
+
+
+def gain_of(linear: Linear, directions: Floats, data: Floats) -> Floats:
+    """Return the gain in log-likelihood of whitened data sets (k, n) by directions (n, r), (k,)."""
+    whitened = linear.whiten_columns(directions)
     vectors, values, _ = np.linalg.svd(whitened, full_matrices=False)
-    basis = vectors[:, values > 1e-6 * values[0]]
+    basis = vectors[:, values > FAINT * values[0]]
     gain: Floats = 0.5 * np.sum((data @ basis) ** 2, axis=1)
     return gain
-
-
-def _excess(linear: Linear, group: _Group, family: Flags) -> float:
-    size = np.where(family, linear.prediction, 0.0)
-    projection = regression(linear, 0.01 * size * group.rows, size)
-    return 0.0 if projection is None else float(linear.observed @ projection[:, 0])

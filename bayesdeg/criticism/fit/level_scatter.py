@@ -72,7 +72,12 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
         moved[k] += 0.5
         if k not in of_causes and np.any(subject.deviations(moved).spread > own.spread):
             scatters.append(int(k))
-    together = _together(linear, own)
+    # what levels, what was recorded of each specimen (batch and warmth), and both have in common
+    read = own.slope * np.sqrt(own.spread)
+    of_levels, recorded = _of_levels(linear, own, read), _of_conditions(linear, read)
+    together = [of_levels] if of_levels.shape[1] else []
+    if recorded.shape[1]:
+        together += [recorded, np.hstack([of_levels, recorded])]
     if len(scatters) != 1 or not together:
         return linear
     place = scatters[0]
@@ -132,19 +137,6 @@ class _Law:
         return [law.log_density(residual) - prior for law in laws]
 
 
-def _together(linear: Linear, own: Deviations) -> list[Floats]:
-    """Return the common deviations of groups of specimens, each (n, number of groups).
-
-    Levels of what was set, what was recorded of each specimen (batch and warmth), and both.
-    """
-    read = own.slope * np.sqrt(own.spread)
-    of_levels, recorded = _of_levels(linear, own, read), _of_conditions(linear, read)
-    found = [of_levels] if of_levels.shape[1] else []
-    if recorded.shape[1]:
-        found += [recorded, np.hstack([of_levels, recorded])]
-    return found
-
-
 def _of_levels(linear: Linear, own: Deviations, read: Floats) -> Floats:
     """Return the effect of a common deviation of each level with several specimens.
 
@@ -166,18 +158,13 @@ def _of_conditions(linear: Linear, read: Floats) -> Floats:
     tests = actuator.conditions
     batch = np.broadcast_to(tests.batch, tests.pressure.shape)[:, 0]
     names = np.unique(batch)
-    batches = [batch == one for one in names] if len(names) > 1 else []
-    return np.hstack([_sums(read, batches), read @ _warmth(tests.room_temperature, len(batch))])
-
-
-def _warmth(temperature: Floats, count: int) -> Floats:
-    """Return the standardised temperature of each test, (count, 0 or 1)."""
-    warmth = np.broadcast_to(temperature, count)
+    found = [_sums(read, [batch == one for one in names] if len(names) > 1 else [])]
+    warmth = np.broadcast_to(tests.room_temperature, len(batch))
     known = np.isfinite(warmth)
-    if not known.any() or np.ptp(warmth[known]) == 0.0:
-        return np.zeros((count, 0))
-    above = np.where(known, warmth - np.mean(warmth[known]), 0.0)
-    return (above / np.std(above))[:, None]
+    if known.any() and np.ptp(warmth[known]) != 0.0:
+        above = np.where(known, warmth - np.mean(warmth[known]), 0.0)
+        found.append(read @ (above / np.std(above))[:, None])
+    return np.hstack(found)
 
 
 def _sums(read: Floats, groups: Iterable[NDArray[np.bool_]]) -> Floats:

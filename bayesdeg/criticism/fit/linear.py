@@ -454,9 +454,17 @@ def jacobian_of(subject: JointModel, mode: Floats, step: float = 1e-3) -> Floats
     """Central differences; one-sided if the other side is outside the forward map's range."""
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
-    curves = subject.expected(around)
-    here, forth, back = curves[0], curves[1 : size + 1], curves[size + 1 :]
+    return differences(subject.expected(around), step)
+
+
+def differences(curves: Floats, step: float) -> Floats:
+    """Return central differences (n, k) of curves (1 + 2 k, n) at, above and below a point.
+
+    One-sided where a curve is nan.
+    """
+    half = len(curves) // 2
+    here, forth, back = curves[0], curves[1 : half + 1], curves[half + 1 :]
     width = step * (np.isfinite(forth).astype(float) + np.isfinite(back))
     change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)
-    jacobian: Floats = (change / np.maximum(width, step)).T
-    return jacobian
+    slopes: Floats = (change / np.maximum(width, step)).T
+    return slopes

@@ -38,6 +38,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import (
     Linear,
     columns_of,
+    differences,
     effects,
     is_seen,
     neutral_sizes,
@@ -130,12 +131,7 @@ def _local(linear: Linear, cause: Cause, size: Floats, units: Floats) -> tuple[F
     """Return the effect at a size and its derivative in prior sizes, (n,) and (n, k)."""
     step = STEP * np.diag(units)
     found = effects(linear, cause, np.vstack([size, size + step, size - step]))
-    count = len(units)
-    here, forth, back = found[0], found[1 : count + 1], found[count + 1 :]
-    width = STEP * (np.isfinite(forth).astype(np.float64) + np.isfinite(back))
-    change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)
-    columns = change / np.maximum(width, STEP)
-    return np.nan_to_num(here), np.nan_to_num(columns.T)
+    return np.nan_to_num(found[0]), np.nan_to_num(differences(found, STEP))
 
 
 def _climbed(linear: Linear, cause: Cause, size: Floats, units: Floats) -> tuple[Floats, bool]:
@@ -194,9 +190,8 @@ def _widening(linear: Linear, one: Screened) -> float:
     where = columns_of(extended, cause)
     neutral = neutral_sizes(cause)
     point[where] = np.where(np.isin(np.arange(len(size)), wide), neutral, size)
-    units = np.array([prior_size(p) for p in one.cause.parameters])
-    from_neutral: Floats = (one.size - neutral_sizes(one.cause)) / units
-    offset = columns @ from_neutral
+    units = np.array([prior_size(p) for p in cause.parameters])
+    offset = columns @ ((size - neutral) / units)
     residual = linear.whitening.coloured(linear.observed - one.effect + offset)
     own = linear.whitening.coloured(columns)
     scatter = extended.scatter(point)
@@ -286,7 +281,13 @@ class JointScreening:
         """
         acting = [one for one in screened if np.any(one.columns)]
         widest = max((one.columns.shape[1] for one in acting), default=1)
-        rows = [_in_units(one, widest) for one in acting]
+        rows = []
+        for one in acting:  # sizes and bounds in prior sizes from neutral
+            units = np.array([prior_size(p) for p in one.cause.parameters])
+            ends = (one.size, *bounds(ParameterTable(one.cause.parameters)))
+            size, low, high = ((end - neutral_sizes(one.cause)) / units for end in ends)
+            wide = _padded(size, widest), _padded(low, widest, -np.inf)
+            rows.append((*wide, _padded(high, widest, np.inf)))
         sizes, low, high = (np.array([row[k] for row in rows]) for k in range(3))
         columns = [_padded(one.columns.T, widest).T for one in acting]
         rest = [
@@ -426,19 +427,6 @@ def largest_by_chance(whitened: Floats, columns: Sequence[Floats]) -> Floats:
         gain = np.einsum("ki,ij,kj->k", z, np.linalg.inv(inner), z)
         largest = np.maximum(largest, 0.5 * (gain - np.linalg.slogdet(inner)[1]))
     return largest
-
-
-def _in_units(one: Screened, width: int) -> tuple[Floats, Floats, Floats]:
-    """Return the size of a cause and the bounds of its prior, in prior sizes from neutral."""
-    units = np.array([prior_size(p) for p in one.cause.parameters])
-    neutral = neutral_sizes(one.cause)
-    ends = bounds(ParameterTable(one.cause.parameters))
-    low, high = ((end - neutral) / units for end in ends)
-    return (
-        _padded((one.size - neutral) / units, width),
-        _padded(low, width, -np.inf),
-        _padded(high, width, np.inf),
-    )
 
 
 def _padded(rows: Floats, width: int, value: float = 0.0) -> Floats:

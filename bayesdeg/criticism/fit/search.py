@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of, is_clear
-from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
+from bayesdeg.criticism.checks.discrepancy import Misfit, answered, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.screening import JointScreening, Screened, largest_by_chance, screen
 from bayesdeg.criticism.fit.side_by_side import apply
@@ -213,7 +213,7 @@ class Search:
         simulated = simulate(self.effort.replicates)
         misfit = resolved(measure(linear, simulated), linear, simulate, most=self.effort.most)
         others = [cause for cause in self.causes if cause.name not in names]
-        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        known = answered(simulated)
         jobs = [(c, self._seed(names | {c.name}, 2)) for c in others]
         found = apply(partial(_screened, trial), jobs, self.executor)
         screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
@@ -244,8 +244,7 @@ class Search:
             count = len(step.chance)
             generator = np.random.default_rng(self._seed(names, 3 + count))
             more = max(min(count, self.effort.most - count), 0)
-            simulated = _simulated(step.trial, generator, more)
-            known = simulated[np.all(np.isfinite(simulated), axis=1)]
+            known = answered(_simulated(step.trial, generator, more))
             others = [cause for cause in self.causes if cause.name not in names]
             gains = factors_by_chance(step.trial.linear, others, known)
             if not len(gains):
@@ -355,19 +354,14 @@ class Search:
 
 
 def _simulated(trial: CandidateFit, generator: np.random.Generator, count: int) -> Floats:
-    """Return data sets simulated from a fitted model, (count, n_readings)."""
-    draws = _as_refitted(trial.linear, trial.draws(generator, count))
-    return trial.linear.straightened(draws, trial.subject.simulated(draws, generator))
+    """Return data sets simulated from a fitted model, (count, n_readings).
 
-
-def _as_refitted(linear: Linear, draws: Floats) -> Floats:
-    """Return draws with parameters that do not move the mean fixed at the mode, (k, n_parameters).
-
-    The errors of data simulated at a draw would be re-estimated from them, and the statistics use
-    estimated errors.
+    Parameters that do not move the mean are fixed at the mode: errors of data simulated at a draw
+    would be re-estimated from them, and the statistics use estimated errors.
     """
-    moves = is_seen(linear.whiten_columns(linear.jacobian))
-    return np.where(moves, draws, linear.mode)
+    linear, draws = trial.linear, trial.draws(generator, count)
+    draws = np.where(is_seen(linear.whiten_columns(linear.jacobian)), draws, linear.mode)
+    return linear.straightened(draws, trial.subject.simulated(draws, generator))
 
 
 def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:

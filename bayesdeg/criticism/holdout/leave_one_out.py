@@ -20,6 +20,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -50,21 +51,11 @@ NO_MEAN = 1.0  # shape of the weights' tail above which their mean is meaningles
 STEPS = 200  # most iterations of the bridge's fixed point
 
 
-@dataclass(frozen=True)
-class LeftOutPrediction:
-    """Log predictive density of a held-out specimen.
-
-    Parameters
-    ----------
-    log_density, error : float
-        Estimate and its Monte Carlo standard error.
-    effective : float
-        Effective number of draws that it rests on.
-    """
+class LeftOutPrediction(NamedTuple):
+    """Log predictive density of a held-out specimen, and its Monte Carlo standard error."""
 
     log_density: float
     error: float
-    effective: float
 
 
 def predict_left_out(
@@ -129,10 +120,8 @@ def predict_left_out(
         whole = about_mode(model, top, generator)
         wide = float(np.hypot(whole.error, posterior.error))
         if wide < error:
-            return LeftOutPrediction(
-                whole.log_evidence - posterior.log_evidence, wide, posterior.effective
-            )
-    return LeftOutPrediction(density, error, posterior.effective)
+            return LeftOutPrediction(whole.log_evidence - posterior.log_evidence, wide)
+    return LeftOutPrediction(density, error)
 
 
 def bridge(
