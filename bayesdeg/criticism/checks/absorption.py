@@ -104,12 +104,7 @@ class AllElse:
         with θ' from all else and θ'' ~ N(centre, sd²), independent. Draws represent the first,
         since means of few replicates have heavy tails and bounded priors none.
 
-        Parameters
-        ----------
-        place : int
-            Of the parameter.
-        centre, sd : float
-            Of what the readings alone say, on the sampler's scale.
+        The centre and sd of the readings alone are on the sampler's scale.
         """
         above = float(self.weights @ ndtr((self.draws[:, place] - centre) / max(sd, UNMOVED)))
         tail = min(above, 1.0 - above)
@@ -127,13 +122,6 @@ def judged_kinds(model: JointModel) -> tuple[str, ...]:
 
 def all_else(model: JointModel, start: Floats) -> AllElse:
     """Return the law of the parameters given all but the data that a model is judged by.
-
-    Parameters
-    ----------
-    model : JointModel
-        With its readings.
-    start : array, shape (n_parameters,)
-        A point near.
 
     Raises
     ------
@@ -154,15 +142,7 @@ def all_else(model: JointModel, start: Floats) -> AllElse:
 
 @dataclass(frozen=True)
 class Measured:
-    """A direct measurement of a parameter.
-
-    Parameters
-    ----------
-    value, se : float
-        Mean and its standard error, in the parameter's unit.
-    source : str
-        Where it stands.
-    """
+    """A direct measurement of a parameter: mean and standard error in its unit, and source."""
 
     value: float
     se: float
@@ -175,13 +155,6 @@ def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
     Young's modulus at a degradation rate of zero is always six times C1 there; between the ends it
     depends on several parameters. If several means measure the same parameter, the most precise
     one counts.
-
-    Parameters
-    ----------
-    model : JointModel
-        With or without such means.
-    vector : array, shape (n_parameters,)
-        Where the relation is looked at.
     """
     points = vector + STEP * np.vstack([np.zeros(len(vector)), np.eye(len(vector))])
     values = model.table.named(points)
@@ -246,14 +219,8 @@ def holm(p_values: Floats) -> Floats:
 class Split:
     """A fitted model with the readings it is judged by separated from all else.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        The fitted model.
-    known : AllElse
-        What all else says.
-    linear : Linear
-        The readings that it is judged by, linearised with the law of all else.
+    `known` is what all else says; `linear` the readings that the model is judged by, linearised
+    with the law of all else.
     """
 
     trial: CandidateFit
@@ -355,11 +322,6 @@ class Split:
 
         with d the change of the readings, and d₀ that of the films, which shifts all else by δ₀:
         N(m₀, U₀) is the law without films. In standard deviations of all else.
-
-        Parameters
-        ----------
-        effect : PlacedEffect
-            What acts, and where.
         """
         off = effect.of(self.linear.subject) - self.linear.jacobian @ self._by_films(effect)
         found = self.columns.T @ self.linear.whiten_columns(off)
@@ -370,13 +332,6 @@ class Split:
 
         This is how far the posterior mean returns if the effect is part of the model; in a linear
         model it equals `shift_by`.
-
-        Parameters
-        ----------
-        trial : CandidateFit
-            The same model with the effect's causes active, fitted.
-        effect : PlacedEffect
-            That of its causes.
         """
         mean = np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0)
         there = dict(zip(trial.subject.table.names, mean, strict=True))
@@ -398,11 +353,6 @@ def split(trial: CandidateFit) -> Split:
     If a parameter has adapted to the readings, these are linearised at its value from all else: a
     scatter that grew to accommodate an effect would hide the shifts of the others, and a law with
     heavy tails adapts completely.
-
-    Parameters
-    ----------
-    trial : CandidateFit
-        The fitted model.
 
     Raises
     ------
@@ -427,14 +377,8 @@ def split(trial: CandidateFit) -> Split:
 class PlacedEffect:
     """Causes at given sizes, at a point of the parameter space.
 
-    Parameters
-    ----------
-    causes : tuple of Cause
-        What acts.
-    vector : array, shape (n_parameters + n_sizes,)
-        Of the model with the causes.
-    neutral : array, the same shape
-        The same where they have no effect.
+    `vector` (n_parameters + n_sizes,) is of the model with the causes; `neutral` is the same where
+    they have no effect.
     """
 
     causes: tuple[Cause, ...]
@@ -445,16 +389,7 @@ class PlacedEffect:
     def at(cls, model: JointModel, point: Floats, cause: Cause, size: Floats) -> "PlacedEffect":
         """Return the effect of a cause that a model lacks.
 
-        Parameters
-        ----------
-        model : JointModel
-            Without the cause.
-        point : array, shape (n_parameters,)
-            Its parameters.
-        cause : Cause
-            What acts.
-        size : array, shape (n_sizes,)
-            On the unconstrained scale.
+        Point (n_parameters,) and size (n_sizes,) are on the sampler's scale.
         """
         extended = model.extended(cause)
         neutral = with_neutral(point, model, extended)
@@ -522,23 +457,22 @@ class Absorption:
         after: tuple[Displacement, ...] = (),
     ) -> "Absorption":
         """Return displacements that know what pushed them, and where they are with the causes."""
-        given = cls(tuple(displacements), pushes, after)
-        return replace(given, displacements=tuple(map(given._completed, given.displacements)))
-
-    def _completed(self, one: Displacement) -> Displacement:
-        after, known = self.returned(one), dict[str, object]()
-        if after is not None:
-            known = {
-                "after_q05": after.base_q05,
-                "after_q50": after.base_q50,
-                "after_q95": after.base_q95,
-                "after_moved_sd": after.moved_sd,
-            }
-        pushes = self.pushed_by(one) if one.in_question else ()
-        if pushes:
-            known["pushed_by"] = tuple(push.causes for push in pushes)
-            known["pushed_share"] = pushes[0].share(one)
-        return one.model_copy(update=known)
+        given, completed = cls(tuple(displacements), pushes, after), []
+        for one in given.displacements:
+            there, known = given.returned(one), dict[str, object]()
+            if there is not None:
+                known = {
+                    "after_q05": there.base_q05,
+                    "after_q50": there.base_q50,
+                    "after_q95": there.base_q95,
+                    "after_moved_sd": there.moved_sd,
+                }
+            pushed_by = given.pushed_by(one) if one.in_question else ()
+            if pushed_by:
+                known["pushed_by"] = tuple(push.causes for push in pushed_by)
+                known["pushed_share"] = pushed_by[0].share(one)
+            completed.append(one.model_copy(update=known))
+        return replace(given, displacements=tuple(completed))
 
     @property
     def judged(self) -> tuple[Displacement, ...]:
@@ -579,13 +513,6 @@ class Absorption:
 def absorption(search: Search, chosen: Names) -> Absorption:
     """Return the displacements of the base model's parameters, and the causes that would push them.
 
-    Parameters
-    ----------
-    search : Search
-        With the base model screened, and some sets of causes fitted.
-    chosen : frozenset of str
-        The causes that the evidence favours.
-
     Raises
     ------
     ValueError
@@ -625,15 +552,7 @@ def _pushes(search: Search, base: Split, chosen: Names) -> Iterable[Push]:
 
 
 def effect_in(trial: CandidateFit, names: Names) -> PlacedEffect:
-    """Return the effect of some of a fitted model's causes.
-
-    Parameters
-    ----------
-    trial : CandidateFit
-        With the causes active.
-    names : frozenset of str
-        Those whose effect it is.
-    """
+    """Return the effect of some of a fitted model's causes."""
     acting = tuple(cause for cause in trial.subject.causes if cause.name in names)
     lacking = replace(trial.subject, causes=acting)
     table = dict(zip(trial.subject.table.names, trial.mode, strict=True))

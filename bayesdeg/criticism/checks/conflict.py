@@ -32,12 +32,7 @@ def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
 
     with E and sd those of the posterior, which already includes the mean, so p is rather too large.
 
-    Parameters
-    ----------
-    model : JointModel
-        With statistics; else there is nothing to compare: None.
-    vectors : array, shape (k, n_parameters)
-        Posterior draws.
+    None if the model has no measured means.
 
     References
     ----------
@@ -77,12 +72,7 @@ def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
     posterior already includes the prior, so p is rather too large. A uniform or flat prior is never
     contradicted, nor is the prior of an error by readings that are more accurate.
 
-    Parameters
-    ----------
-    model : JointModel
-        Of which the parameters of causes are left out: their sizes are judged with the causes.
-    vectors : array, shape (k, n_parameters)
-        Posterior draws.
+    Parameters of causes are left out: their sizes are judged with the causes.
 
     References
     ----------

@@ -104,21 +104,7 @@ def count_misfit(
     generator: np.random.Generator,
     source: str,
 ) -> CountMisfit:
-    """Compare counts of ruptures with those that a model expects.
-
-    Parameters
-    ----------
-    model : JointModel
-        That knows of actuators and of their elongation at break; its causes act.
-    counts : RuptureCounts
-        How many burst.
-    vectors : array, shape (n, n_parameters)
-        Posterior draws.
-    generator : Generator
-        For simulated counts.
-    source : str
-        Where the counts are from.
-    """
+    """Compare counts of ruptures with those that a model expects."""
     chances = answered(chances_at(model, counts, vectors))
     return judged_counts(counts.tests, chances, generator, source)
 
@@ -169,16 +155,14 @@ class CountLaw(NamedTuple):
     log_weights: Floats
 
     @classmethod
-    def of(
-        cls, tests: CountedTests, chances: Chances, log_weights: Floats | None = None
-    ) -> "CountLaw":
-        """Return the law for draws with unnormalised weights; equal by default."""
-        weights = np.zeros(len(chances.burst)) if log_weights is None else log_weights
+    def of(cls, tests: CountedTests, chances: Chances) -> "CountLaw":
+        """Return the law for draws of equal weight."""
+        weights = np.zeros(len(chances.burst))
         return cls(tests, chances, weights - logsumexp(weights))
 
     def reweighted(self, log_weights: Floats) -> "CountLaw":
-        """Return the law with different weights."""
-        return CountLaw.of(self.tests, self.chances, log_weights)
+        """Return the law with different weights, not normalised."""
+        return self._replace(log_weights=log_weights - logsumexp(log_weights))
 
     def draw_by_draw(self, ruptured: Floats) -> Floats:
         """Return the log probability of counts (n_levels,) under each draw, (n,)."""

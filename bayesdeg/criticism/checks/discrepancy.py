@@ -182,12 +182,7 @@ class Misfit:
 def measure(linear: Linear, simulated: Floats) -> Misfit:
     """Measure the misfit of a model and calibrate it by data simulated from its posterior.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n_readings)
-        Data sets; nan where the model had no answer.
+    Data sets (k, n_readings) have nan where the model had no answer.
     """
     known, drawn = answered(simulated), len(simulated)
     kernels = discrepancies(linear)
@@ -231,18 +226,7 @@ def resolved(
     Each round doubles the number of data sets. With few, chance would decide the outcome of a
     p-value near the level.
 
-    Parameters
-    ----------
-    misfit : Misfit
-        As it was measured with some data sets.
-    linear : Linear
-        The model linearised at its mode.
-    simulate : callable
-        Returns so many more data sets, (k, n_readings).
-    most : int
-        Data sets at which to stop in any case.
-    level : float
-        That decides.
+    `simulate` returns so many more data sets, (k, n_readings); it stops at `most` in any case.
     """
     null, drawn = misfit.null, misfit.drawn
     while FEWEST <= len(null) < most and not is_clear(misfit.statistic, null, level):
@@ -266,16 +250,6 @@ def power(linear: Linear) -> float:
 
     at the level p = `MISFIT_LEVEL`. For a single reading, which the parameters can always match, it
     is little more than p; for a curve it is nearly 1.
-
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-
-    Returns
-    -------
-    float
-        Between `MISFIT_LEVEL` and 1.
     """
     largest = 0.0
     for _, _, root in discrepancy_roots(linear.subject.places, linear.subject.observed):
@@ -328,12 +302,8 @@ def largest_ratio(
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Return the largest log-likelihood ratio over kernels and amplitudes, and its kernel.
 
-    Parameters
-    ----------
-    whitened : array, shape (k, n_readings)
-        Data sets.
-    kernels : tuple of Discrepancy
-        What is tried; index of the best = kernel × number of amplitudes + amplitude.
+    Of data sets (k, n_readings); the index of the best is kernel × number of amplitudes +
+    amplitude.
     """
     ratios = []
     for kernel in kernels:

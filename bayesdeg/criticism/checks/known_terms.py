@@ -315,14 +315,7 @@ class KnownTerm:
     def change(self, kind: str, known: KnownColumns, reading: Floats, slope: Floats) -> Floats:
         """Return its effect on readings of one kind, with coefficient 1.
 
-        Parameters
-        ----------
-        kind : str
-            What was read.
-        known : KnownColumns
-            What is known of these readings.
-        reading, slope : array
-            As they are without it, and ∂y/∂x along the path.
+        Readings and their slopes ∂y/∂x along the path are those without it.
         """
         if kind not in self.kinds:
             return np.zeros_like(reading)
@@ -365,12 +358,7 @@ class KnownTerms:
 def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> KnownTerms:
     """Return the candidate terms of a linearised model that its parameters cannot absorb.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    batches : mapping of str to str, optional
-        The batch of each specimen of which it is known.
+    Batches are by specimen, as far as known.
     """
     places, terms, columns = linear.subject.places, [], []
     slope = slopes_along(places, linear.prediction)

@@ -55,16 +55,7 @@ def misfit_columns(
 ) -> tuple[ColumnMisfit, ...]:
     """Return the misfit by column, the largest share first.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n_readings)
-        Data sets simulated from its posterior.
-    misfit : Misfit
-        What was measured of it: the columns are those of its family.
-    batches : mapping of str to str, optional
-        The batch of each specimen of which it is known.
+    The columns are those of the family of the misfit; batches are by specimen, as far as known.
     """
     ceiling = misfit.statistic - misfit.by_chance
     if ceiling <= 0.0 or not len(simulated):

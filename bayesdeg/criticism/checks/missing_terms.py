@@ -64,14 +64,8 @@ QUANTILE = 1.645  # half-width of a 90 % interval of the normal law, in sd
 class AlikeTerm:
     """A term that fits as well as the one that was taken.
 
-    Parameters
-    ----------
-    term : KnownTerm
-        Which.
-    size : float
-        In the unit of the term.
-    behind : float
-        What it gains less than the best, the complexities weighed [nats]; below ln 20.
+    `behind` is what it gains less than the best, the complexities weighed [nats], below ln 20; the
+    size is in the unit of the term.
     """
 
     term: KnownTerm
@@ -167,16 +161,8 @@ def missing_terms(
 ) -> MissingTerms:
     """Return the few terms that would remove the misfit of a linearised model.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n_readings)
-        Data sets simulated from its posterior, without a misfit.
-    misfit : Misfit
-        What was measured of it.
-    batches : mapping of str to str, optional
-        The batch of each specimen of which it is known.
+    Data sets (k, n_readings) are simulated from its posterior, without a misfit; batches are by
+    specimen, as far as known.
     """
     offered = known_terms(linear, batches)
     null = linear.whiten(simulated) if len(simulated) else np.zeros((0, len(linear.mean)))
@@ -220,21 +206,8 @@ def search_terms(
 ) -> tuple[Pick, ...]:
     """Return the best term, then the best in addition, while they exceed chance.
 
-    Parameters
-    ----------
-    offered : KnownTerms
-        The dictionary.
-    observed : array, shape (n,)
-        Whitened data.
-    null : array, shape (k, n)
-        Whitened data without a misfit; without any, nothing is tested and all steps are made.
-    most : int
-        Steps at most.
-
-    Returns
-    -------
-    tuple of Pick
-        With the first that is explained by chance, at which the search ends.
+    `null` (k, n) are whitened data without a misfit; without any, nothing is tested and all steps
+    are made. The last pick is the first that is explained by chance.
     """
     found: list[Pick] = []
     directions = offered.whitened

@@ -195,19 +195,8 @@ class ReadingsDeparture:
 def where(model: JointModel, residual: Floats, noise: float) -> CurvatureDeparture | None:
     """Return where the misfit is largest: pressures, degradation rates, specimens.
 
-    Parameters
-    ----------
-    model : JointModel
-        With actuator data.
-    residual : array, shape (n_specimens, n_points)
-        Measured less predicted [1/m].
-    noise : float
-        RMS of what no smooth discrepancy explains [1/m].
-
-    Returns
-    -------
-    CurvatureDeparture or None
-        Of the readings that can be predicted; None if none can.
+    From measured less predicted, (n_specimens, n_points) [1/m], and the root mean square of what no
+    smooth discrepancy explains [1/m]. None if no reading can be predicted.
     """
     data = model.data_of(Curvature).tests
     known = data.mask & np.isfinite(residual)
@@ -250,15 +239,7 @@ def where_films(linear: Linear) -> StressDeparture:
 
 
 def where_readings(linear: Linear, kind: str, unit: str) -> ReadingsDeparture:
-    """Return the departure of readings of one kind, and where on their path it is largest.
-
-    Parameters
-    ----------
-    linear : Linear
-        The model at its mode.
-    kind, unit : str
-        What was read, and in which unit.
-    """
+    """Return the departure of readings of one kind, and where on their path it is largest."""
     rows = linear.subject.places.kind == kind
     along = linear.subject.places.along[rows]
     residual = (linear.subject.observed - linear.prediction)[rows]
@@ -325,19 +306,9 @@ def regression(linear: Linear, direction: Floats, *beside: Floats) -> Floats | N
     with d the direction, L the Cholesky factor of the readings' covariance with the parameters
     integrated out, and P_B the projection on the directions fitted jointly.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    direction : array, shape (n,)
-        Change of the readings by one unit of the effect.
-    *beside : array, shape (n,)
-        Directions whose sizes are free, so that the statistic does not answer to them.
-
-    Returns
-    -------
-    array, shape (n, 1), or None
-        None where the direction is made of those beside it.
+    `direction` (n,) is the change of the readings by one unit of the effect; the sizes of those
+    `beside` it are free, so that the statistic does not answer to them. None if the direction is
+    made of these, else (n, 1).
     """
     columns = linear.whiten_columns(np.column_stack([direction, *beside]))
     own, others = columns[:, 0], columns[:, 1:]
@@ -356,14 +327,8 @@ def regression(linear: Linear, direction: Floats, *beside: Floats) -> Floats | N
 def functional(linear: Linear, weights: Floats, reference: Floats) -> Floats:
     """Return the projection that gives a weighted sum of the residuals, (n, 1).
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    weights : array, shape (n,)
-        Of the residuals.
-    reference : array, shape (n,)
-        Change of the readings whose weighted sum is 1: what the refit takes of it is given back.
+    `reference` (n,) is a change of the readings whose weighted sum is 1: what the refit takes of it
+    is given back.
     """
     projection = linear.whiten_columns((linear.scatter @ weights)[:, None])
     seen = float(linear.whiten_columns(reference[:, None])[:, 0] @ projection[:, 0])
@@ -375,20 +340,9 @@ def between_specimens(
 ) -> Floats | None:
     """Return directions in which specimens of the same level differ, (n, r), orthonormal.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    size : array, shape (n,)
-        Change of the readings by one unit; 0 where a reading is of another family.
-    alike : array of str, shape (n,), optional
-        What else must be the same for specimens to be compared: mount, mode of tension.
-
-    Returns
-    -------
-    array or None
-        r is the number of specimens less that of groups in which they are alike; None where it
-        is zero.
+    `size` (n,) is the change of the readings by one unit, 0 where a reading is of another family;
+    `alike` (n,) is what else must be the same for specimens to be compared: mount, mode of tension.
+    r is the number of specimens less that of groups in which they are alike; None if it is zero.
     """
     places, rows = linear.subject.places, size != 0.0
     names, first = np.unique(places.specimen[rows], return_index=True)
@@ -413,20 +367,8 @@ def misfit_frame(linear: Linear, misfit: Misfit, model: str) -> pd.DataFrame:
     The residual is from a joint fit of discrepancy and parameters, so that points scatter about the
     curve only by errors and specimens.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    misfit : Misfit
-        What was measured with it.
-    model : str
-        Its name, such as ``base``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``model``, ``kind``, ``history``, ``specimen_id``, ``degradation_pct``, ``along``
-        (pressure [kPa] or stretch), ``discrepancy`` and ``residual`` in the readings' units.
+    Columns ``model``, ``kind``, ``history``, ``specimen_id``, ``degradation_pct``, ``along``
+    (pressure [kPa] or stretch), ``discrepancy`` and ``residual`` in the readings' units.
     """
     places = linear.subject.places
     smooth = misfit.discrepancy
@@ -465,14 +407,8 @@ class _Group:
 def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concentration | None:
     """Return the branch, cycle, hold or few specimens with most of a misfit, if any.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n)
-        Data sets simulated from it; without any nothing is told.
-    statistic : float
-        Its misfit statistic [nats].
+    Compared with data sets (k, n) simulated from the model; without any nothing is told.
+    `statistic` is its misfit statistic [nats].
     """
     groups = list(_groups(linear.subject.places))
     if not groups or not len(simulated):

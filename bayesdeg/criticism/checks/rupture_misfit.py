@@ -22,14 +22,7 @@ def rupture_misfit(
     The discrepancy is −2 Σ ln P of the specimens' survivals and ruptures, data and simulated data
     each at the parameters of the same draw.
 
-    Parameters
-    ----------
-    model : JointModel
-        With actuators and a limit of elongation; else there is nothing to compare: None.
-    vectors : array, shape (k, n_parameters)
-        Posterior draws.
-    generator : Generator
-        For the simulated data.
+    Draws are (k, n_parameters). None without actuators or a limit of elongation.
 
     References
     ----------

@@ -70,17 +70,9 @@ def shared_scatter(trial: CandidateFit, simulated: Floats) -> list[SharedScatter
 
     over correlations :math:`\rho`, the sum over specimens of the same level.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        A fitted model with its causes.
-    simulated : array, shape (n, n_readings)
-        Data sets simulated from it, in which every specimen has its own deviation.
-
-    Returns
-    -------
-    list of SharedScatter
-        One for each cause that widens the scatter; none where specimens have no deviations.
+    In the data sets (n, n_readings), simulated from the model, every specimen has its own
+    deviation. One result for each cause that widens the scatter; none where specimens have no
+    deviations.
 
     References
     ----------

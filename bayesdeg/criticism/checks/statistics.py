@@ -460,14 +460,8 @@ def statistics_table(
     With fewer than 19 finite data sets no p-value could reach 0.05. All statistics are then
     unavailable, with the reason.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n)
-        Readings of data sets simulated from the fitted model; nan where it had no answer.
-    drawn : int, optional
-        How many were simulated, where those without an answer were left out already.
+    Readings (k, n) simulated from the fitted model are nan where it had no answer; `drawn` is how
+    many were simulated, where those were left out already.
     """
     known = answered(simulated)
     every = statistics_of(linear)
@@ -552,12 +546,8 @@ def frame(table: tuple[Physical, ...]) -> pd.DataFrame:
 def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
     """Return p-values adjusted for all statistics, by stepping down, (m,).
 
-    Parameters
-    ----------
-    observed : array, shape (m,)
-        Distances from what is expected, in the same measure for every statistic.
-    simulated : array, shape (m, k)
-        The same of simulated data.
+    From distances from what is expected, in the same measure for every statistic, (m,), and those
+    of simulated data, (m, k).
 
     Examples
     --------

@@ -186,14 +186,7 @@ def hypotheses(
 ) -> tuple[Irregularity, ...]:
     """Return the hypotheses of wrong readings of a model.
 
-    Parameters
-    ----------
-    subject : JointModel
-        With its readings.
-    vector : array, shape (n_parameters,)
-        Where it is calibrated.
-    batches : iterable of tuple of str
-        Specimens that have something in common beside their degradation rate.
+    Batches are specimens that have something in common beside their degradation rate.
     """
     places, batches = subject.places, tuple(batches)
     prediction = subject.expected(vector[None])[0]
@@ -361,10 +354,7 @@ class Scored:
     def scores(self, whole: Floats) -> Floats:
         """Return t of each hypothesis, (m,); 0 for one spanned by the free ones.
 
-        Parameters
-        ----------
-        whole : array, shape (m,)
-            |w| before anything was made free.
+        `whole` (m,) is |w| before anything was made free.
         """
         norms = self.norms
         seen = norms > 1e-3 * np.maximum(whole, SMALL)
@@ -407,12 +397,8 @@ class ReadingParts:
     def whitening(self, scatter: float, error: Floats) -> Whitening:
         """Return the whitening of readings, with deviations and errors scaled by factors.
 
-        Parameters
-        ----------
-        scatter : float
-            Factor of the standard deviation of specimens.
-        error : array, shape (n,)
-            Factors of those of the errors of reading.
+        Factors are of the standard deviations: one of specimens, and those of the errors of each
+        reading, (n,).
         """
         scaled = scatter**2 * self.specimens + np.outer(error, error) * self.errors + self.stated
         return Whitening.of(scaled, self.shared)
@@ -444,10 +430,8 @@ class ReadingParts:
         integrated out, this is the restricted likelihood of variance components
         (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545).
 
-        Parameters
-        ----------
-        beside : array, shape (n_factors,)
-            Log density of what else is known of the scatter of specimens, at each of `FACTORS`.
+        `beside` (n_factors,) is the log density of what else is known of the scatter of specimens,
+        at each of `FACTORS`.
         """
         error = np.ones(len(self.residual))
         scatter, dof = 1.0, 1.0
@@ -508,15 +492,6 @@ def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -
     """Return the log density of films for a scaled scatter of stiffness, at each of `FACTORS`.
 
     Films and actuators of a study have the same scatter in its model.
-
-    Parameters
-    ----------
-    subject : JointModel
-        The model.
-    vector : array, shape (n_parameters,)
-        Where it is calibrated.
-    left_out : iterable of str
-        Specimens of which nothing is to be known.
     """
     values = subject.table.named(np.repeat(vector[None], len(FACTORS), axis=0))
     name = STIFFNESS_SCATTER.name
@@ -531,15 +506,7 @@ def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -
 
 
 def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
-    """Return the components of the readings of a model, linearised at a point.
-
-    Parameters
-    ----------
-    subject : JointModel
-        The model.
-    vector : array, shape (n_parameters,)
-        Where it is calibrated.
-    """
+    """Return the components of the readings of a model, linearised at a point."""
     places, slopes = subject.places, jacobian_of(subject, vector) * _prior_widths(subject)
     prediction = subject.expected(vector[None])[0]
     roots = discrepancy_roots(places, prediction)
@@ -585,16 +552,7 @@ def scored(
 ) -> Scored:
     """Return readings and hypotheses with common effects of specimens free.
 
-    Parameters
-    ----------
-    parts : ReadingParts
-        What the readings are made of.
-    known : sequence of Irregularity
-        What may be wrong.
-    scatter : float
-        Factor of the deviations of specimens.
-    errors : mapping of str to float, optional
-        Factors of the errors of reading by family.
+    Deviations of specimens and, by family, errors of reading are scaled by factors.
     """
     error = np.array([(errors or {}).get(one, 1.0) for one in parts.family.tolist()])
     whitening = parts.whitening(scatter, error)
@@ -694,16 +652,8 @@ def find_suspects(
 ) -> tuple[Suspect, ...]:
     """Return the outlying specimens and readings, the oddest first.
 
-    Parameters
-    ----------
-    subject : JointModel
-        With all readings.
-    mode : array, shape (n_parameters,)
-        Of the calibration with all readings.
-    refit : callable
-        Calibrates without suspects.
-    batches : iterable of tuple of str
-        Specimens that have something in common beside their degradation rate.
+    `mode` is that of the calibration with all readings; batches are specimens that have something
+    in common beside their degradation rate.
     """
     batches = tuple(batches)
     left_out, found = _loose(subject, mode, batches), tuple[Suspect, ...]()
@@ -931,12 +881,8 @@ def t_between(sizes: Floats, weights: Floats, own: Flags) -> float:
 def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Return the largest t of two groups of ordered sizes (n, k), and where the second begins.
 
-    Parameters
-    ----------
-    sizes : array, shape (n, k)
-        Of k specimens, with errors in proportion to one over their weights.
-    weights : array, shape (k,)
-        Whatever their scale.
+    Errors of the k sizes are in proportion to one over their weights (k,), whatever the scale of
+    these.
 
     Examples
     --------

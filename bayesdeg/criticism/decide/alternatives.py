@@ -128,15 +128,6 @@ def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> 
 
     Combinations of several replacements are fitted, first those that screening rates worst relative
     to their parts; beyond the limit of the effort screening decides.
-
-    Parameters
-    ----------
-    search : Search
-        In which the set and its rivals are fitted.
-    chosen : frozenset of str
-        The favoured set.
-    supported : sequence of Support
-        What speaks for its causes, with their rivals.
     """
     if not chosen:
         return StatedSets((), ())

@@ -46,21 +46,10 @@ FIRST = 0.25
 def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
     """Return the model at the scatter within levels, if specimens of levels deviate together.
 
-    Parameters
-    ----------
-    linear : Linear
-        At the mode of a fitted model.
-    uncertain : array, shape (n_parameters, n_parameters)
-        Covariance of the parameters given all but the readings.
-    centre : array, shape (n_parameters,)
-        Their mean given all but the readings.
-
-    Returns
-    -------
-    Linear
-        The same where specimens of a level, of a batch or of like warmth do not clearly deviate
-        together, and where there is not one parameter that is their scatter, on a logarithmic
-        scale to the sampler.
+    Covariance and centre are those of the parameters given all but the readings. The model is
+    returned as it is where specimens of a level, of a batch or of like warmth do not clearly
+    deviate together, and where there is not one parameter that is their scatter, on a logarithmic
+    scale to the sampler.
     """
     if not linear.is_known:
         return linear

@@ -272,12 +272,7 @@ class JointScreening:
     def of(cls, observed: Floats, screened: Sequence[Screened]) -> "JointScreening":
         """Combine screened causes on the scale on which they were screened.
 
-        Parameters
-        ----------
-        observed : array, shape (n,)
-            The whitened data.
-        screened : sequence of Screened
-            Those that do not change the readings are left out.
+        Those that do not change the readings are left out.
         """
         acting = [one for one in screened if np.any(one.columns)]
         widest = max((one.columns.shape[1] for one in acting), default=1)
@@ -299,19 +294,10 @@ class JointScreening:
 
     @classmethod
     def at(cls, linear: Linear, screened: Sequence[Screened], scatter: Floats) -> "JointScreening":
-        """Combine causes screened on a model, with a different scatter.
+        """Combine causes screened on a model, with a different scatter V, (n, n).
 
         A model that lacks two causes widens its errors until both look small; with the scatter of
         the model found so far they do not.
-
-        Parameters
-        ----------
-        linear : Linear
-            With which they were screened.
-        screened : sequence of Screened
-            The causes.
-        scatter : array, shape (n, n)
-            V of specimens and errors.
         """
         other = linear.with_scatter(scatter)
         if not other.is_known:
@@ -348,10 +334,7 @@ class JointScreening:
     def factors(self, sets: Places) -> Floats:
         """Return log Bayes factors of sets against none [nats], (n_sets,).
 
-        Parameters
-        ----------
-        sets : array, shape (n_sets, size)
-            Of places in `causes`, each set of distinct ones.
+        The sets (n_sets, size) are of distinct places in `causes`.
         """
         if not len(sets):
             return np.zeros(0)
@@ -400,12 +383,8 @@ class JointScreening:
 def largest_by_chance(whitened: Floats, columns: Sequence[Floats]) -> Floats:
     """Return the log Bayes factor of the best pair of causes in each data set [nats], (k,).
 
-    Parameters
-    ----------
-    whitened : array, shape (k, n)
-        Data without an effect.
-    columns : sequence of array, shape (n, p)
-        Changes of the readings by each cause for one prior size of each of its parameters.
+    The data (k, n) are whitened and without an effect; columns (n, p) are the changes of the
+    readings by each cause for one prior size of each of its parameters.
 
     Examples
     --------

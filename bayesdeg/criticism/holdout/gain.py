@@ -59,17 +59,7 @@ def gain_table(subject: JointModel, results: dict[str, HeldOut]) -> pd.DataFrame
 def mode_table(subject: JointModel, results: dict[str, HeldOut]) -> pd.DataFrame:
     """Return the scores of each model by mode of tension, each predicted from the others.
 
-    Parameters
-    ----------
-    subject : JointModel
-        With films, of which whole modes are held out.
-    results : mapping
-        As in `gain_table`.
-
-    Returns
-    -------
-    DataFrame
-        The columns of ``gain_modes.csv``. A mode is one group, so there is no standard error.
+    The columns of ``gain_modes.csv``. A mode is one group, so there is no standard error.
     """
     base = next(iter(results.values()))
     rows = [
@@ -263,11 +253,6 @@ def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
 
     Columns: ``model``, ``probability``, ``difference``, ``low``, ``high``, ``p_value`` and
     ``replicates``, the last two the same in all rows of a model.
-
-    Parameters
-    ----------
-    models : mapping of str to LooPit
-        By their names, such as ``base`` and ``final``.
     """
     parts = [
         pd.DataFrame(

@@ -113,19 +113,8 @@ def specimen_density(
     Given the parameters, the readings of one specimen in different tables are independent, so that
     their log densities add up.
 
-    Parameters
-    ----------
-    model : JointModel
-        With its data.
-    values : mapping
-        Named values, (n,).
-
-    Returns
-    -------
-    specimens, kinds : tuple of str
-        Names, and what was read on each.
-    density : array, shape (n, n_specimens)
-        −inf where the model has no answer.
+    The names of the specimens, what was read on each, and the density, (n, n_specimens), −inf where
+    the model has no answer.
     """
     by_kind = model.log_likelihood(values)
     blocks = blocks_of(model)
@@ -168,12 +157,8 @@ class Smoothed:
 def smoothed(density: Floats, relative: float) -> Smoothed:
     """Reweight posterior draws to leave out each specimen in turn.
 
-    Parameters
-    ----------
-    density : array, shape (n_chains, n_draws, n_specimens)
-        Log density of all readings of each specimen.
-    relative : float
-        Effective over actual number of draws.
+    From log densities of all readings of each specimen, (n_chains, n_draws, n_specimens);
+    `relative` is the effective over the actual number of draws.
     """
     flat = density.reshape(-1, density.shape[-1])
     found = [_smooth(column, relative) for column in flat.T]
@@ -254,22 +239,8 @@ def recalibrated(
     with a group and without it, or their ratio says nothing; and emcee, without an evidence (nan),
     where that has too few as well.
 
-    Parameters
-    ----------
-    training : JointModel
-        Without the groups.
-    generator : Generator
-        Draws proposals.
-    seed : SeedSequence
-        For emcee.
-    start : array, shape (n_parameters,), optional
-        Near the mode; None where posterior mass lies far from it.
-    whole : Evidence, optional
-        Posterior of all groups.
-    enough : float
-        Effective draws wanted.
-    effort : Effort
-        Of emcee.
+    The start is near the mode, None where posterior mass lies far from it; `whole` is the posterior
+    of all groups; `enough` effective draws are wanted.
 
     Raises
     ------

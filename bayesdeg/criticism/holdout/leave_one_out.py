@@ -27,6 +27,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from bayesdeg.criticism.fit.side_by_side import in_order
 from bayesdeg.criticism.holdout.held_out import (
     FEWEST,
     LARGEST_K,
@@ -74,22 +75,9 @@ def predict_left_out(
     that one about the mode misses. If it performs badly, or the draws do not suffice, the model is
     calibrated again from its mode.
 
-    Parameters
-    ----------
-    model : JointModel
-        With all specimens.
-    specimen : str
-        Which one is left out.
-    draws : array, shape (n, n_parameters)
-        Posterior given all specimens.
-    log_weights : array, shape (n,)
-        Log importance weights that take the specimen out, as far as they can.
-    effective : float
-        Effective number of the draws.
-    reached : bool
-        Whether the draws reach where the posterior without the specimen lies.
-    seed : SeedSequence
-        Everything random comes from it.
+    The weighted draws are those of the posterior given all specimens, with weights that take the
+    specimen out as far as they can; `reached` says whether they reach where the posterior without
+    it lies.
     """
     training = without(model, [specimen])
     testing = without(model, [name for name in blocks_of(model) if name != specimen])
@@ -266,16 +254,7 @@ def leave_one_out(
     if its shape k shows that too few draws carry the weight, the model is calibrated again without
     that specimen.
 
-    Parameters
-    ----------
-    model, chain : JointModel, Chain
-        JointModel and its posterior.
-    seed : SeedSequence
-        A child for each refit.
-    executor : Executor, optional
-        Runs refits side by side.
-    on_refit : callable, optional
-        Called after each refit with the specimen's name.
+    `on_refit` is called after each refit with the specimen's name.
 
     Raises
     ------
@@ -301,12 +280,11 @@ def leave_one_out(
     refitted = ~(smooth.pareto_k <= threshold)
     rows = np.flatnonzero(refitted)
     jobs = zip(rows, seed.spawn(len(rows)), strict=True)
-    apply = map if executor is None else executor.map
     elpd, error = smooth.elpd.copy(), smooth.error.copy()
     reached = smooth.pareto_k < NO_MEAN
     work = [(names[row], smooth.log_weights[:, row], reached[row], child) for row, child in jobs]
     refit = partial(_refit, model, flat, relative * len(flat))
-    for row, found in zip(rows, apply(refit, work), strict=True):
+    for row, found in zip(rows, in_order(refit, work, executor), strict=True):
         elpd[row], error[row] = found.log_density, found.error
         if on_refit is not None:
             on_refit(names[row])

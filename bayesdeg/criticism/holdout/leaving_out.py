@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from bayesdeg.criticism.fit.side_by_side import in_order
 from bayesdeg.criticism.fit.trials import CandidateFit, firm, sharpened, wanted
 from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
@@ -70,12 +71,7 @@ def one_by_one(trial: CandidateFit, seed: np.random.SeedSequence) -> FoldPlan:
     Draws of the posterior are weighted by 1/p(y_g | θ), smoothed by a Pareto law; if its shape
     shows that too few carry the weight, the model has to be calibrated again without that group.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        Fitted to all groups.
-    seed : SeedSequence
-        A child for each calibration.
+    The seed has a child for each calibration.
 
     References
     ----------
@@ -109,14 +105,7 @@ def one_by_one(trial: CandidateFit, seed: np.random.SeedSequence) -> FoldPlan:
 def in_folds(trial: CandidateFit, fold: Folds, seed: np.random.SeedSequence) -> FoldPlan:
     """Plan to calibrate without each fold of groups in turn and predict it.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        Fitted to all groups.
-    fold : array of int, shape (n_groups,)
-        When each group is left out.
-    seed : SeedSequence
-        A child for each fold.
+    `fold` (n_groups,) says when each group is left out; the seed has a child for each fold.
     """
     trial = firm(trial, np.random.default_rng(seed))
     subject = trial.subject
@@ -134,23 +123,10 @@ def run_folds(
 ) -> list[HeldOut]:
     """Run the calibrations of all plans in parallel.
 
-    Parameters
-    ----------
-    plans : iterable of FoldPlan
-        Of several models, or several kinds of groups. The first calibrations begin while later
-        plans are still being made.
-    executor : Executor, optional
-        Runs calibrations side by side.
-    on_plan : callable, optional
-        Called with the place of each plan when it is done.
-
-    Returns
-    -------
-    list of HeldOut
-        In the order of the plans.
+    The first begin while later plans are still being made. `on_plan` is called with the place of
+    each plan when it is done.
     """
-    apply = map if executor is None else executor.map
-    begun = [(plan, apply(_predict_fold, plan.jobs)) for plan in plans]
+    begun = [(plan, in_order(_predict_fold, plan.jobs, executor)) for plan in plans]
     done = []
     for place, (plan, folds) in enumerate(begun):
         done.append(plan.with_found(list(folds)))

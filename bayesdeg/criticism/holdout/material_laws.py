@@ -420,15 +420,7 @@ class FittedLaw:
 
 
 def fit_law(form: LawForm, films: LevelFilms) -> FittedLaw:
-    """Fit a law to all films, and to all but one in turn.
-
-    Parameters
-    ----------
-    form : LawForm
-        The law.
-    films : LevelFilms
-        By their levels.
-    """
+    """Fit a law to all films, and to all but one in turn."""
     whole = _from_all_starts(form, films)
     elpd, error = np.full((2, len(films.member)), np.nan)
     for film in films.held_out:
@@ -595,20 +587,8 @@ def compare_laws(
 ) -> LawComparison:
     """Fit each law to the films, and predict each film from the others of its level.
 
-    Parameters
-    ----------
-    curves : TensileCurves
-        Stress–stretch curves of the films.
-    priors : mapping of str to Distribution
-        Those of the parameters in `NOISE`.
-    used : str
-        The law of the study's model.
-    names : sequence of str
-        Laws to be compared, ``used`` among them.
-
-    Returns
-    -------
-    LawComparison
+    `priors` are those of the parameters in `NOISE`; `names` are laws, with the one of the study's
+    model, `used`.
 
     References
     ----------

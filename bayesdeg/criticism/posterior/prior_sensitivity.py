@@ -58,13 +58,6 @@ class Scaling:
 def power_scaling(draws: Floats, scaling: Scaling) -> float:
     """Return the change of a quantity's distribution per doubling of the power of a density.
 
-    Parameters
-    ----------
-    draws : array, shape (n_chains, n_draws)
-        Of the quantity.
-    scaling : Scaling
-        Of the density.
-
     Examples
     --------
     >>> from scipy.stats import norm
@@ -104,17 +97,7 @@ def conclusions(model: JointModel, values: Named) -> dict[str, Floats]:
     C1 and the elongation limit without degradation and at the last node, the volume ratio, the
     stiffness of the paper, and the size of each active cause.
 
-    Parameters
-    ----------
-    model : JointModel
-        Those that it has no parameters for are left out.
-    values : mapping
-        Named values, (n,).
-
-    Returns
-    -------
-    dict
-        Each (n,), in the users' units.
+    In the users' units, each (n,); those that the model has no parameters for are left out.
     """
     found: dict[str, Floats] = {}
     if isinstance(model.world, FilmsAndActuators):
@@ -264,11 +247,6 @@ class PriorSensitivity:
 
 def prior_sensitivity(model: JointModel, chain: Chain) -> PriorSensitivity:
     """Return the sensitivities of conclusions and parameters, from stored draws.
-
-    Parameters
-    ----------
-    model, chain : JointModel, Chain
-        JointModel and its posterior.
 
     Notes
     -----
