@@ -149,6 +149,9 @@ class Measured:
     source: str
 
 
+NOT_MEASURED = Measured(float("nan"), float("nan"), "")
+
+
 def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
     """Return the means of replicates that measure one parameter directly, by its name.
 
@@ -260,14 +263,17 @@ class Split:
         """Every parameter except those of causes, in the order of the model."""
         direct = measured(self.model, self.trial.mode)
         names = self.model.table.names
-        found = [self._one(p, names.index(p.name), direct.get(p.name)) for p in self.model.base]
+        found = [
+            self._one(p, names.index(p.name), direct.get(p.name, NOT_MEASURED))
+            for p in self.model.base
+        ]
         judged = [k for k, one in enumerate(found) if one.is_judged]
         adjusted = holm(np.array([found[k].p_alone for k in judged]))
         for k, p_value in zip(judged, adjusted, strict=True):
             found[k] = found[k].model_copy(update={"p_adjusted": float(p_value)})
         return tuple(found)
 
-    def _one(self, parameter: Parameter, place: int, direct: Measured | None) -> Displacement:
+    def _one(self, parameter: Parameter, place: int, direct: Measured) -> Displacement:
         law, share = parameter.law, float(self.learned[place])
         is_flat = isinstance(law, Flat)
         is_unknown = is_flat and len(judged_kinds(self.model)) == len(self.model.observations)
@@ -288,13 +294,13 @@ class Split:
             base_q05=base[0],
             base_q50=base[1],
             base_q95=base[2],
-            measured=float("nan") if direct is None else direct.value,
-            measured_se=float("nan") if direct is None else direct.se,
-            measured_source="" if direct is None else direct.source,
+            measured=direct.value,
+            measured_se=direct.se,
+            measured_source=direct.source,
             moved_sd=float("nan") if is_unknown else float(self.moved[place]),
             learned=share,
         )
-        is_shown = share >= LEAST_LEARNED and (direct is not None or not is_flat)
+        is_shown = share >= LEAST_LEARNED and (direct is not NOT_MEASURED or not is_flat)
         if not is_shown:
             return one
         # the test of the readings alone against all else

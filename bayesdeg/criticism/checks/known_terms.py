@@ -114,6 +114,7 @@ HISTORY = Quantified("history", "history")
 BATCH = Quantified("batch", "batch")
 RATE = Quantified("level", "D_R")
 SIZE = "size"
+ALL_ALIKE = np.zeros(1)  # in place of a quantity that was not recorded
 
 
 class KnownColumns(NamedTuple):
@@ -536,23 +537,23 @@ def _shapes(of: Quantified, values: Floats) -> Iterator[KnownFunction]:
 
 def _of_state(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield functions of the specimen's state, and of the history of its test."""
-    rates = known.numbers.get(DEGRADATION.column)
-    if rates is not None and np.ptp(rates) > 0.0:
+    rates = known.numbers.get(DEGRADATION.column, ALL_ALIKE)
+    if np.ptp(rates) > 0.0:
         of = DEGRADATION if places.family[0] in PATHS else LEVEL
         for power in (1, 2):
             yield KnownFunction(of._replace(column=DEGRADATION.column), Form.POWER,
                                 float(np.max(np.abs(rates))), end=power)  # fmt: skip
-    if TIME.column in known.numbers and np.ptp(known.numbers[TIME.column]) > 0.0:
-        time = known.numbers[TIME.column]
+    time = known.numbers.get(TIME.column, ALL_ALIKE)
+    if np.ptp(time) > 0.0:
         yield KnownFunction(TIME, Form.POWER, float(np.max(time)), end=1)
         first = 0.1 * float(np.median(time[time > 0.0]))
         yield KnownFunction(TIME, Form.LOGARITHM, first)
-    humidity = known.numbers.get(HUMIDITY.column)
-    if humidity is not None and np.ptp(humidity) > 0.0:
+    humidity = known.numbers.get(HUMIDITY.column, ALL_ALIKE)
+    if np.ptp(humidity) > 0.0:
         middle = float(np.median(humidity))
         yield KnownFunction(HUMIDITY, Form.POWER, float(np.ptp(humidity)), middle, 1)
-    cycle = known.numbers.get(CYCLE.column)
-    if cycle is not None and np.max(cycle) > 0.0:
+    cycle = known.numbers.get(CYCLE.column, ALL_ALIKE)
+    if np.max(cycle) > 0.0:
         yield KnownFunction(CYCLE, Form.ABOVE, float(np.max(cycle)), 0.0)
         yield KnownFunction(CYCLE, Form.LOGARITHM, 1.0)
     rate = RATE if places.family[0] in PATHS else LEVEL

@@ -213,7 +213,7 @@ def where(model: JointModel, residual: Floats, noise: float) -> CurvatureDepartu
         [_mean(relative, cell & (member == m)[:, None]) for m in range(len(centres))]
     )
     same = centres[(by_level * means[k] > 0) & (np.abs(by_level) > 0.5 * abs(means[k]))]
-    specimens = np.array([_mean(relative, cell[[i]], row=i) for i in range(len(data.specimens))])
+    specimens = np.array([_mean(*row) for row in zip(relative, cell, strict=True)])
     low, high = data.pressure[cell].min(), data.pressure[cell].max()
     return CurvatureDeparture(
         excess=float(means[k]),
@@ -250,9 +250,8 @@ def where_readings(linear: Linear, kind: str, unit: str) -> ReadingsDeparture:
     return ReadingsDeparture(kind, unit, ends, max(off), above=bool(residual[cell].mean() >= 0.0))
 
 
-def _mean(values: Floats, mask: NDArray[np.bool_], row: int | None = None) -> float:
-    chosen = values[mask] if row is None else values[row][mask[0]]
-    return float(np.mean(chosen)) if chosen.size else 0.0
+def _mean(values: Floats, mask: NDArray[np.bool_]) -> float:
+    return float(np.mean(values[mask])) if mask.any() else 0.0
 
 
 INSEPARABLE = 1e-6
@@ -335,9 +334,7 @@ def functional(linear: Linear, weights: Floats, reference: Floats) -> Floats:
     return np.asarray(projection / seen)
 
 
-def between_specimens(
-    linear: Linear, size: Floats, *, alike: Labels | None = None
-) -> Floats | None:
+def between_specimens(linear: Linear, size: Floats, *, alike: Labels) -> Floats | None:
     """Return directions in which specimens of the same level differ, (n, r), orthonormal.
 
     `size` (n,) is the change of the readings by one unit, 0 where a reading is of another family;
@@ -349,7 +346,6 @@ def between_specimens(
     if len(names) < 2:
         return None
     member = levels(places.level[rows][first])[1]
-    alike = places.family if alike is None else alike
     label = alike[rows][first]
     same = ((member[:, None] == member) & (label[:, None] == label)).astype(np.float64)
     same /= np.sum(same, axis=1, keepdims=True)

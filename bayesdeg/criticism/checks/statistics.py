@@ -363,7 +363,7 @@ def other_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
                 "–",
                 "specimens of one level differ more than the model allows",
                 "specimens of one level differ less than the model allows",
-                between_specimens(linear, size),
+                between_specimens(linear, size, alike=places.family),
                 "needs several specimens at one level",
                 neutral=1.0,
                 squares=True,
@@ -452,9 +452,7 @@ class Physical:
         return self.reading if self.p_adjusted <= SIGNIFICANT else UNREMARKABLE
 
 
-def statistics_table(
-    linear: Linear, simulated: Floats, drawn: int | None = None
-) -> tuple[Physical, ...]:
+def statistics_table(linear: Linear, simulated: Floats, drawn: int = 0) -> tuple[Physical, ...]:
     """Compute every statistic and calibrate it, in the order of the catalogue.
 
     With fewer than 19 finite data sets no p-value could reach 0.05. All statistics are then
@@ -466,8 +464,7 @@ def statistics_table(
     known = answered(simulated)
     every = statistics_of(linear)
     if len(known) < FEWEST:
-        of = len(simulated) if drawn is None else drawn
-        why = f"{len(known)} of {of} simulated data sets are too few"
+        why = f"{len(known)} of {drawn or len(simulated)} simulated data sets are too few"
         return tuple(_missing(s, s.why if s.projections is None else why) for s in every)
     there = [s for s in every if s.projections is not None]
     null = linear.whiten(known)

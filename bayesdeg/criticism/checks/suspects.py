@@ -687,21 +687,21 @@ def _posed(
     subject: JointModel,
     vector: Floats,
     batches: tuple[tuple[str, ...], ...],
-    left_out: Sequence[Suspect] | None = None,
+    left_out: Sequence[Suspect] = (),
 ) -> tuple[Pool, Scored] | None:
     """Return the hypotheses and their scores, with those of groups that the scores suggest.
 
     If the data to leave out are known, scatter and errors are those of the other readings.
     """
-    chance = LOOSE_GROUPS if left_out is None else LEVEL * SHARES[GROUPS]
-    if left_out is not None:
+    chance = LEVEL * SHARES[GROUPS] if left_out else LOOSE_GROUPS
+    if left_out:
         vector = _with_own_errors(subject, vector, left_out)
     parts = parts_of(subject, vector)
     known = hypotheses(subject, vector, batches)
     if not known or not parts.is_finite:
         return None
     widths = Widths(NARROWER, READING_DOF, {}, {})
-    if left_out is not None:
+    if left_out:
         out = np.any([one.hypothesis.rows for one in left_out], axis=0)
         names = {name for one in left_out for name in one.hypothesis.specimens}
         widths = parts.without(out).widths(film_density(subject, vector, names))

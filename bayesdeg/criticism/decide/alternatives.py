@@ -136,8 +136,8 @@ def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> 
     screened = _screened_gaps(search, chosen, combined)
     doubtful = sorted(combined, key=lambda one: one.together - screened[one.names])
     missing = [one.names for one in doubtful if one.names not in search.trials]
-    scale = SetScale.of(search, chosen) if missing else None
-    if scale is not None:
+    if missing:
+        scale = SetScale.of(search, chosen)
         search.fit_sets({names: scale.sizes_of(names) for names in missing[: search.effort.fitted]})
     whole, heads = search.factor(chosen), tuple(names[0] for names in lists)
     members = [SetOdds(heads, whole, 0.0)]

@@ -9,8 +9,7 @@ import numpy as np
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import columns_of
 from bayesdeg.criticism.fit.search import Names, Search, rivals
-from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
+from bayesdeg.criticism.holdout.held_out import HeldOut, difference, one_by_one, run_folds
 from bayesdeg.inference.model import JointModel
 
 Regroup = Callable[[JointModel], JointModel]

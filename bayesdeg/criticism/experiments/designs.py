@@ -123,11 +123,11 @@ class ActuatorDesign:
         pressure: Floats,
         *,
         time: Floats | None = None,
-        branch: NDArray[np.str_] | None = None,
-        cycle: NDArray[np.int64] | None = None,
-        mount: str | None = None,
-        temperature: float | None = None,
-        batches: tuple[int, ...] | None = None,
+        branch: NDArray[np.str_] | str = "loading",
+        cycle: NDArray[np.int64] | int = 1,
+        mount: str = "",
+        temperature: float = np.nan,
+        batches: tuple[int, ...] = (),
         angle: bool = False,
     ) -> ActuatorCurves:
         """Return tests without readings, all at the same pressures, otherwise unchanged."""
@@ -148,15 +148,15 @@ class ActuatorDesign:
             angle_mask=read & (angle or self.data.with_angle),
             recorded=read,
             ruptured=~read,
-            cycle=np.broadcast_to(np.int64(1) if cycle is None else cycle, shape),
-            branch=np.broadcast_to("loading" if branch is None else branch, shape),
+            cycle=np.broadcast_to(np.asarray(cycle, dtype=np.int64), shape),
+            branch=np.broadcast_to(np.asarray(branch), shape),
             time=np.broadcast_to(usual_times if time is None else time, shape),
             humidity=np.full(shape, _usual(self.data.humidity)),
-            mount=np.full(shape, usual if mount is None else mount),
+            mount=np.full(shape, mount or usual),
             temperature=np.full(
-                shape, _usual(self.data.temperature) if temperature is None else temperature
+                shape, _usual(self.data.temperature) if np.isnan(temperature) else temperature
             ),
-            batch=self._batches(levels) if batches is None else np.array(batches)[:, None],
+            batch=np.array(batches)[:, None] if batches else self._batches(levels),
         )
 
     def _batches(self, levels: tuple[float, ...] | list[float]) -> NDArray[np.int64]:

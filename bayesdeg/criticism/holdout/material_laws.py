@@ -511,10 +511,10 @@ class LawComparison:
         return self.ranked[1] if self.best.name == self.used else self.by_name[self.used]
 
     def difference(
-        self, fit: FittedLaw, other: FittedLaw, rows: NDArray[np.bool_] | None = None
+        self, fit: FittedLaw, other: FittedLaw, rows: NDArray[np.bool_] | slice = slice(None)
     ) -> tuple[float, float]:
         """Return the gain in elpd of a law over another, and its standard error over films."""
-        gap = (fit.elpd - other.elpd)[slice(None) if rows is None else rows]
+        gap = (fit.elpd - other.elpd)[rows]
         gap = gap[np.isfinite(gap)]
         return float(np.sum(gap)) if len(gap) else float("nan"), standard_error(gap)
 
