@@ -258,7 +258,7 @@ def linearise(
     prediction = subject.expected(mode[None])[0]
     jacobian = jacobian_of(subject, mode)
     if uncertain is None:
-        uncertain = rest_covariance(subject, mode)
+        uncertain = rest_law(subject, mode)[1]
     scatter = subject.scatter(mode)
     # non-finite values where the model cannot be evaluated, see `is_known`
     whitening = Whitening.of(scatter, jacobian @ rooted(uncertain))
@@ -277,11 +277,6 @@ def rooted(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariance)
     root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
-
-
-def rest_covariance(subject: JointModel, start: Floats) -> Floats:
-    """Return Λ⁻¹, the covariance of the parameters given priors and all other data."""
-    return rest_law(subject, start)[1]
 
 
 def rest_law(subject: JointModel, start: Floats) -> tuple[Floats, Floats]:
