@@ -66,14 +66,8 @@ UNMOVED = 1e-9  # relative change of a mean by rounding
 class AllElse:
     """The law of the parameters given all data but the readings that the model is judged by.
 
-    Parameters
-    ----------
-    draws : array, shape (n, n_parameters)
-        On the sampler's scale.
-    weights : array, shape (n,)
-        Of the draws; they sum to 1.
-    effective : float
-        Draws of equal weight that are worth as much.
+    Draws (n, n_parameters) are on the sampler's scale, their weights sum to 1, and `effective`
+    draws of equal weight are worth as much.
     """
 
     draws: Floats
@@ -414,14 +408,8 @@ class PlacedEffect:
 class Push:
     """Shift of a model's parameters by one or several causes that the model lacks.
 
-    Parameters
-    ----------
-    causes : tuple of str
-        Which.
-    log_bayes_factor : float
-        Of the fitted or screened model with them, against the one without a cause [nats].
-    shifts : mapping
-        By parameter, how far it is moved off all else, in standard deviations of all else.
+    `shifts` are by parameter, off all else, in standard deviations of all else; the Bayes factor is
+    against the model without a cause [nats].
     """
 
     causes: tuple[str, ...]
@@ -441,14 +429,8 @@ class Push:
 class Absorption:
     """Displacements of the base model's parameters, and causes that would push them.
 
-    Parameters
-    ----------
-    displacements : tuple of Displacement
-        Of the base model.
-    pushes : tuple of Push
-        Every cause by itself, then those together that the evidence favours, if several.
-    after : tuple of Displacement
-        The same parameters with the causes that the evidence favours; empty if there are none.
+    `pushes` are by every cause by itself, then by those together that the evidence favours, if
+    several; `after` are the same parameters with these, empty if there are none.
     """
 
     displacements: tuple[Displacement, ...]

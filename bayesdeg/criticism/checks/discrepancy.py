@@ -49,16 +49,8 @@ SMALLEST = 1e-8
 class Discrepancy:
     """One covariance of discrepancies on the whitened scale.
 
-    Parameters
-    ----------
-    family : str
-        Of which readings.
-    label : str
-        In words: what it is a function of.
-    values : array, shape (r,)
-        Eigenvalues for a relative size of 1.
-    vectors : array, shape (n, r)
-        Eigenvectors.
+    `label` says what it is a function of; eigenvalues (r,) are for a relative size of 1,
+    eigenvectors (n, r).
     """
 
     family: str

@@ -120,12 +120,7 @@ ALL_ALIKE = np.zeros(1)  # in place of a quantity that was not recorded
 class KnownColumns(NamedTuple):
     """Known quantities of each reading by column; all arrays of one shape.
 
-    Parameters
-    ----------
-    numbers : mapping of str to array
-        Quantities in their units.
-    labels : mapping of str to array of str
-        Groups to which readings belong.
+    Numbers are in the quantities' units; labels are the groups to which readings belong.
     """
 
     numbers: Mapping[str, Floats]

@@ -186,14 +186,8 @@ def missing_terms(
 class Pick:
     """One step of the search.
 
-    Parameters
-    ----------
-    index : int
-        Of the term.
-    gains : array, shape (m,)
-        Of every term at this step [nats]; −inf of those that are made of the terms before.
-    p_value : float
-        Of the best, adjusted for all; nan without simulated data.
+    `gains` (m,) are those of every term [nats], −inf of those made of the terms before; the p-value
+    is that of the best, adjusted for all, nan without simulated data.
     """
 
     index: int

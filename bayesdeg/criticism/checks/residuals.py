@@ -157,12 +157,8 @@ class CurvatureDeparture:
 class StressDeparture:
     """Departure of measured stress in each mode of tension, the worst first.
 
-    Parameters
-    ----------
-    modes : tuple of (str, float)
-        Modes and the root mean square of measured less calibrated stress [MPa].
-    above : bool
-        Whether measured stress is higher on average in the worst of them.
+    Each mode with the root mean square of measured less calibrated stress [MPa]; `above` says
+    whether measured stress is higher on average in the worst of them.
     """
 
     modes: tuple[tuple[str, float], ...]

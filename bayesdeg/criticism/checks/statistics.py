@@ -184,21 +184,18 @@ def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
 def _hysteresis(bench: Bench) -> ResidualStatistic:
     weights = _area(bench)
     unloading = bench.histories[:, 0] == "unloading"
-    found = ResidualStatistic(
-        "hysteresis area between branches",
-        "kPa/m",
-        "unloading lies above loading more than simulated: as with creep or damage",
-        "unloading lies below loading: as with drying or a leak while testing",
-        None,
-        "needs readings of unloading: column branch of actuator.csv",
-    )
     largest = float(bench.places.along[bench.rows].max())
     share = bench.places.along / largest
     lens = np.where(unloading & (bench.places.kind == CURVATURE), share * (1.0 - share), 0.0)
     area = float(weights @ lens)
-    if area <= 0.0:
-        return found
-    return replace(found, projections=functional(bench.linear, weights, lens / area))
+    return ResidualStatistic(
+        "hysteresis area between branches",
+        "kPa/m",
+        "unloading lies above loading more than simulated: as with creep or damage",
+        "unloading lies below loading: as with drying or a leak while testing",
+        functional(bench.linear, weights, lens / area) if area > 0.0 else None,
+        "needs readings of unloading: column branch of actuator.csv",
+    )
 
 
 def _area(bench: Bench) -> Floats:

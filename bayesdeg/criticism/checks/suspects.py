@@ -27,6 +27,7 @@ for the search outwards from a sound part of the data.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,16 +157,9 @@ class Irregularity:
 class Suspect:
     """Outlying readings.
 
-    Parameters
-    ----------
-    hypothesis : Irregularity
-        The way of being wrong that they are most like.
-    size : float
-        Its size; see `Irregularity`.
-    score : float
-        In standard deviations of what the others predict.
-    p_value : float
-        Probability of a score as large by chance, times the number of hypotheses.
+    With the hypothesis that they are most like and its size; the score is in standard deviations of
+    what the others predict, the p-value the probability of one as large by chance, times the number
+    of hypotheses.
     """
 
     hypothesis: Irregularity
@@ -324,12 +318,7 @@ def _of_groups(
 class Scored:
     """Readings and hypotheses on the scale on which everything but mishaps is white.
 
-    Parameters
-    ----------
-    observed : array, shape (n,)
-        z.
-    columns : array, shape (n, m)
-        w, one a hypothesis.
+    z (n,), and w (n, m), one column a hypothesis.
     """
 
     observed: Floats
@@ -595,6 +584,11 @@ class Pool:
     specimens: NDArray[np.int64]
     dof: Floats
 
+    @cached_property
+    def part(self) -> NDArray[np.int64]:
+        """Place of each in `SHARES` and `LOOSE`, (m,)."""
+        return np.array([_PART[one.oddity] for one in self.known])
+
     def scales(self, scores: Floats) -> Floats:
         """Return the median score size of each sort of hypotheses, over that of a normal law.
 
@@ -615,9 +609,8 @@ class Pool:
     def p_values(self, scores: Floats) -> Floats:
         """Return p of each score, times the hypotheses of its part over its `SHARES`."""
         chance = 2.0 * stats.t.sf(np.abs(scores), self.dof)
-        part = np.array([_PART[one.oddity] for one in self.known])
-        count = np.bincount(part, minlength=len(SHARES))[part]
-        found: Floats = np.minimum(1.0, count * chance / SHARES[part])
+        count = np.bincount(self.part, minlength=len(SHARES))[self.part]
+        found: Floats = np.minimum(1.0, count * chance / SHARES[self.part])
         return np.where(self.specimens >= FEWEST, found, 1.0)
 
 
@@ -913,7 +906,7 @@ def _loose(
     if posed is None:
         return ()
     pool, now = posed
-    threshold = LOOSE[[_PART[one.oddity] for one in pool.known]]
+    threshold = LOOSE[pool.part]
     scale = pool.scales(now.scores(now.norms))
 
     def excess(scores: Floats) -> Floats:
@@ -943,12 +936,12 @@ def _strict(
     if posed is None:
         return ()
     pool, now = posed
-    groups = np.array([_PART[one.oddity] == GROUPS for one in pool.known])
 
     def excess(scores: Floats) -> Floats:
         chance = pool.p_values(scores)
         size = np.abs(scores)
-        return np.where(chance < DOUBTFUL, np.where(groups, size / SINGLE_FIRST, size), 0.0)
+        size = np.where(pool.part == GROUPS, size / SINGLE_FIRST, size)
+        return np.where(chance < DOUBTFUL, size, 0.0)
 
     found = _confirmed(pool, now, _pursued(subject, pool, now, excess))
     # whether the rest of a batch with an odd specimen is odd too is decided once the rest takes

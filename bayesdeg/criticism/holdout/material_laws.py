@@ -76,12 +76,7 @@ class NoiseLevels(NamedTuple):
 class LevelFilms:
     """The films of a study, each with its level.
 
-    Parameters
-    ----------
-    curves : TensileCurves
-        What was read.
-    priors : mapping of str to Distribution
-        Priors of `NOISE`.
+    `priors` are those of `NOISE`.
     """
 
     curves: TensileCurves
@@ -145,14 +140,7 @@ class LevelFilms:
 class LawPoint(NamedTuple):
     """A law at coordinates: stresses [MPa] and their slopes.
 
-    Parameters
-    ----------
-    u : array, shape (n_levels, size)
-        Coordinates.
-    stress : array, shape (n_films, n_points)
-        f.
-    slope : array, shape (n_films, n_points, size)
-        J.
+    u (n_levels, size), f (n_films, n_points) and J (n_films, n_points, size).
     """
 
     u: Floats
@@ -184,14 +172,8 @@ class Products(NamedTuple):
 class FitStart(NamedTuple):
     """Start of a calibration.
 
-    Parameters
-    ----------
-    u : array, shape (n_levels, size)
-        Coordinates of the law.
-    z : array, shape (4,)
-        Noise, unconstrained.
-    inverse : array, shape (4, 4)
-        Inverse of the Hessian of the noise's log density, with its sign changed.
+    Coordinates (n_levels, size), noise z (4,), unconstrained, and the inverse of the Hessian of the
+    noise's log density, with its sign changed, (4, 4).
     """
 
     u: Floats
@@ -460,18 +442,8 @@ def _errors(films: LevelFilms, point: LawPoint) -> Floats:
 class LawComparison:
     """Comparison of laws.
 
-    Parameters
-    ----------
-    fits : tuple of FittedLaw
-        Each law once.
-    used : str
-        The law of the study's model.
-    level : array, shape (n_films,)
-        Degradation rate of each film's level [%].
-    readings : array, shape (n_films,)
-        Number of readings of each film.
-    modes : tuple of str
-        In which the films were loaded.
+    `used` is the law of the study's model; `level` [%] and `readings` (n_films,) are the
+    degradation rate of each film's level and its number of readings.
     """
 
     fits: tuple[FittedLaw, ...]

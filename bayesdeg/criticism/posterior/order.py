@@ -72,15 +72,7 @@ class OrderFit:
 
 @dataclass(frozen=True)
 class OrderComparison:
-    """Comparison of orders.
-
-    Parameters
-    ----------
-    fits : tuple of OrderFit
-        By rising order.
-    used : int
-        The order of the study's model.
-    """
+    """Comparison of orders, by rising order; `used` is that of the study's model."""
 
     fits: tuple[OrderFit, ...]
     used: int

@@ -32,12 +32,7 @@ ALPHAS = (0.99, 1.01)
 class Scaling:
     """Weights of stored draws for a part of the log density scaled slightly down and up.
 
-    Parameters
-    ----------
-    log_density : array, shape (n_chains, n_draws)
-        The part.
-    lower, upper : array, shape (n_chains, n_draws)
-        Weights that sum to 1.
+    All (n_chains, n_draws); the weights down and up each sum to 1.
     """
 
     log_density: Floats
@@ -201,13 +196,7 @@ def noticeable(distance: float, noise: float) -> bool:
 
 @dataclass(frozen=True)
 class PriorSensitivity:
-    """Sensitivities of conclusions and parameters, conclusions first.
-
-    Parameters
-    ----------
-    rows : tuple of Sensitivity
-        One a quantity.
-    """
+    """Sensitivities of conclusions and parameters, conclusions first."""
 
     rows: tuple[Sensitivity, ...]
 
