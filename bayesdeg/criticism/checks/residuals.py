@@ -410,7 +410,12 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
     chance = gains[:, 1:].max(axis=0)
     p_values = chance_of(gains[:, 0], chance)
     best = int(np.argmax(gains[:, 0]))
-    chosen = _chosen(groups, gains[:, 0], p_values, best)
+    chosen = (groups[best],) if groups[best].kind else ()
+    if groups[best].kind == SPECIMEN:  # with others as conspicuous, unless there are many
+        specimens = [i for i, group in enumerate(groups) if group.kind == SPECIMEN]
+        out = sorted((i for i in specimens if p_values[i] <= RARE), key=lambda i: -gains[i, 0])
+        few = min(FEW, int(FEW_OF_ALL * len(specimens)))
+        chosen = tuple(groups[i] for i in out) if len(out) <= few else ()
     if not chosen or p_values[best] > RARE:
         return None
     gain = float(_gain(linear, chosen, data[:1])[0])
@@ -431,16 +436,6 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
         share_of_readings=readings,
         p_value=float(p_values[best]),
     )
-
-
-def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) -> tuple[_Group, ...]:
-    """Return the best group, with other equally conspicuous specimens; None if there are many."""
-    if groups[best].kind != SPECIMEN:
-        return (groups[best],) if groups[best].kind else ()
-    all_of_them = [i for i, group in enumerate(groups) if group.kind == SPECIMEN]
-    out = sorted((i for i in all_of_them if p_values[i] <= RARE), key=lambda i: -gains[i])
-    few = min(FEW, int(FEW_OF_ALL * len(all_of_them)))
-    return tuple(groups[i] for i in out) if len(out) <= few else ()
 
 
 def histories_of(places: Places, rows: Flags) -> NDArray[np.str_]:

@@ -82,7 +82,16 @@ class Bench:
         keys = np.stack([places.specimen, places.kind, places.history])
         for key in np.unique(keys[:, rows], axis=1).T:
             own = np.flatnonzero(np.all(keys == key[:, None], axis=0))
-            shift[own], bend[own] = _shift_and_bend(places.along[own], size[own], largest)
+            grid, place = np.unique(np.append(0.0, places.along[own]), return_inverse=True)
+            counts = np.bincount(place)
+            curve = np.bincount(place, weights=np.append(0.0, size[own])) / counts
+            slope = np.gradient(curve, grid, edge_order=2 if len(grid) > 2 else 1)
+            # ∫ κ' g dp with g = 3/2 (p/p_max − ½), the relative excess of slope: its middles in the
+            # highest and the lowest third differ by 1
+            excess = 1.5 * (grid / largest - 0.5)
+            steps = 0.5 * (excess[1:] + excess[:-1]) * np.diff(curve)
+            shift[own] = -slope[place[1:]]
+            bend[own] = np.append(0.0, np.cumsum(steps))[place[1:]]
         return cls(linear, rows, size, shift, bend)
 
     @property
@@ -182,29 +191,9 @@ def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
 
 
 def _hysteresis(bench: Bench) -> ResidualStatistic:
-    weights = _area(bench)
-    unloading = bench.histories[:, 0] == "unloading"
-    largest = float(bench.places.along[bench.rows].max())
-    share = bench.places.along / largest
-    lens = np.where(unloading & (bench.places.kind == CURVATURE), share * (1.0 - share), 0.0)
-    area = float(weights @ lens)
-    return ResidualStatistic(
-        "hysteresis area between branches",
-        "kPa/m",
-        "unloading lies above loading more than simulated: as with creep or damage",
-        "unloading lies below loading: as with drying or a leak while testing",
-        functional(bench.linear, weights, lens / area) if area > 0.0 else None,
-        "needs readings of unloading: column branch of actuator.csv",
-    )
-
-
-def _area(bench: Bench) -> Floats:
-    """Return weights that sum residuals to the area of a loop, in the mean over loops, (n,).
-
-    The loop closes from the last reading of unloading to the first of loading; its area is
-    −∮ κ dp by the trapezoidal rule.
-    """
-    places = bench.places
+    # weights that sum residuals to the area of a loop, in the mean over loops: each closes from the
+    # last reading of unloading to the first of loading; its area is −∮ κ dp (trapezoidal rule)
+    places, unloading = bench.places, bench.histories[:, 0] == "unloading"
     weights, loops = np.zeros(len(bench.rows)), 0
     keys = np.stack([places.specimen, bench.histories[:, 1], places.kind])
     for key in np.unique(keys[:, bench.rows], axis=1).T:
@@ -214,7 +203,18 @@ def _area(bench: Bench) -> Floats:
             pressure = places.along[own]
             weights[own] = -0.5 * (np.roll(pressure, -1) - np.roll(pressure, 1))
             loops += 1
-    return weights / max(loops, 1)
+    weights /= max(loops, 1)
+    share = places.along / float(places.along[bench.rows].max())
+    lens = np.where(unloading & (places.kind == CURVATURE), share * (1.0 - share), 0.0)
+    area = float(weights @ lens)
+    return ResidualStatistic(
+        "hysteresis area between branches",
+        "kPa/m",
+        "unloading lies above loading more than simulated: as with creep or damage",
+        "unloading lies below loading: as with drying or a leak while testing",
+        functional(bench.linear, weights, lens / area) if area > 0.0 else None,
+        "needs readings of unloading: column branch of actuator.csv",
+    )
 
 
 def _time(bench: Bench) -> ResidualStatistic:
@@ -274,21 +274,6 @@ def _mounts(bench: Bench) -> list[ResidualStatistic]:
         )
         for name, rows in other.items()
     ]
-
-
-def _shift_and_bend(pressure: Floats, size: Floats, largest: float) -> tuple[Floats, Floats]:
-    """Return −dκ/dp and ∫ κ' g dp at readings of one curve, with g the relative excess of slope.
-
-    g = 3/2 (p/p_max − ½): its middles in the highest and the lowest third differ by 1.
-    """
-    grid, place = np.unique(np.append(0.0, pressure), return_inverse=True)
-    counts = np.bincount(place)
-    curve = np.bincount(place, weights=np.append(0.0, size)) / counts
-    slope = np.gradient(curve, grid, edge_order=2 if len(grid) > 2 else 1)
-    excess = 1.5 * (grid / largest - 0.5)
-    steps = 0.5 * (excess[1:] + excess[:-1]) * np.diff(curve)
-    bend = np.append(0.0, np.cumsum(steps))
-    return -slope[place[1:]], bend[place[1:]]
 
 
 def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:

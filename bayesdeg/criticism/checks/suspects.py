@@ -826,33 +826,28 @@ def _two_groups(pool: Pool, now: Scored, chance: float) -> Iterator[tuple[Irregu
         same = np.array([one.oddity is oddity for one in pool.known])
         for family in np.unique(pool.family):
             members = np.flatnonzero(same & (pool.family == family))
-            few = members[_smaller_group(now, members, chance)]
-            if len(few):
-                ways = [pool.known[k] for k in few]
-                names = tuple(one.specimens[0] for one in ways)
-                rows = np.any([one.rows for one in ways], axis=0)
-                direction = np.sum([one.direction for one in ways], axis=0)
-                together = Irregularity(group, names, ways[0].kind, rows, direction)
-                yield together, now.columns[:, few].sum(1)
+            if len(members) < 2 * SMALLEST_GROUP:
+                continue
+            sizes, norms = _sizes(now, members)
+            statistic, part = largest_t(sizes[None], norms)
+            generator = np.random.default_rng(len(norms))
+            null_sizes = generator.standard_normal((SPLITS, len(norms))) / norms
+            if statistic[0] <= float(np.quantile(largest_t(null_sizes, norms)[0], 1.0 - chance)):
+                continue
+            order = np.argsort(sizes)
+            few = members[min(order[part[0] :], order[: part[0]], key=len)]
+            ways = [pool.known[k] for k in few]
+            names = tuple(one.specimens[0] for one in ways)
+            rows = np.any([one.rows for one in ways], axis=0)
+            direction = np.sum([one.direction for one in ways], axis=0)
+            together = Irregularity(group, names, ways[0].kind, rows, direction)
+            yield together, now.columns[:, few].sum(1)
 
 
 def _sizes(now: Scored, members: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Return sizes of single hypotheses, and one over their standard errors, (m,) each."""
     norms = np.maximum(now.norms[members], SMALL)
     return (now.columns[:, members].T @ now.observed) / norms**2, norms
-
-
-def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> NDArray[np.int64]:
-    """Return indices of hypotheses that form a group; empty if there is no group."""
-    if len(members) < 2 * SMALLEST_GROUP:
-        return np.array([], dtype=np.int64)
-    sizes, norms = _sizes(now, members)
-    statistic, part = largest_t(sizes[None], norms)
-    null_sizes = np.random.default_rng(len(norms)).standard_normal((SPLITS, len(norms))) / norms
-    if statistic[0] <= float(np.quantile(largest_t(null_sizes, norms)[0], 1.0 - chance)):
-        return np.array([], dtype=np.int64)
-    order = np.argsort(sizes)
-    return min(order[part[0] :], order[: part[0]], key=len)
 
 
 def t_between(sizes: Floats, weights: Floats, own: Flags) -> float:
