@@ -172,11 +172,10 @@ def missing_terms(
     p_value = picks[0].p_value if picks else 1.0
     given = len([one for one in picks if one.p_value <= FALSE_TERMS])
     held = _held_out(linear, offered, given)
-    for count in range(0 if held is None else given):
-        gain, error = _gain_of(held, count)
-        if not gain > error:  # held-out specimens do not confirm it
-            given = count
-            break
+    if held is not None:  # terms that held-out specimens confirm
+        gains = (_gain_of(held, count) for count in range(given))
+        unconfirmed = (count for count, (gain, error) in enumerate(gains) if not gain > error)
+        given = next(unconfirmed, given)
     terms = _described(linear, offered, picks[:given], held, misfit)
     best = terms[:1] or _described(linear, offered, picks[:1], held, misfit)
     return MissingTerms(terms, len(offered), len(null), p_value, next(iter(best), None))

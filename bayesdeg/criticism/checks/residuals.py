@@ -410,7 +410,7 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
     chance = gains[:, 1:].max(axis=0)
     p_values = chance_of(gains[:, 0], chance)
     best = int(np.argmax(gains[:, 0]))
-    chosen = (groups[best],) if groups[best].kind else ()
+    chosen: tuple[_Group, ...] = (groups[best],) if groups[best].kind else ()
     if groups[best].kind == SPECIMEN:  # with others as conspicuous, unless there are many
         specimens = [i for i, group in enumerate(groups) if group.kind == SPECIMEN]
         out = sorted((i for i in specimens if p_values[i] <= RARE), key=lambda i: -gains[i, 0])

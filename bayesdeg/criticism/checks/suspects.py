@@ -203,9 +203,9 @@ def hypotheses(
         # Wrong lengths of a batch or a round, if bend angles were read too. Replicates with the
         # same number in the order of tests form a round, often of one day.
         if np.any(rows & (places.kind == ANGLE)):
-            rates = [sorted(one, key=names.index) for one in rates]
-            longest = max(map(len, rates), default=0)
-            rounds = [tuple(one[k] for one in rates if k < len(one)) for k in range(longest)]
+            ordered = [sorted(one, key=names.index) for one in rates]
+            longest = max(map(len, ordered), default=0)
+            rounds = [tuple(one[k] for one in ordered if k < len(one)) for k in range(longest)]
             curved = rows & (places.kind == CURVATURE)
             found += _of_groups(places, curved, [*batches, *rounds], Anomaly.DAY, prediction)
     return tuple(one for one in found if np.any(one.direction != 0.0))

@@ -114,12 +114,14 @@ def term_trials(
     Of the first term found, those that fit as well are in question. Empty where fewer than two
     terms of actuators are in question.
     """
-    taken = [one for first in found.terms[:1] for one in (first, *first.alike)]
-    in_question = [one for one in taken if one.term.family == ACTUATOR][:IN_QUESTION]
+    in_question: list[tuple[KnownTerm, float]] = []
+    for first in found.terms[:1]:  # the term that was taken, and those that fit as well
+        both = [(first.term, first.size), *((one.term, one.size) for one in first.alike)]
+        in_question = [(term, size) for term, size in both if term.family == ACTUATOR][:IN_QUESTION]
     if len(in_question) < 2 or not isinstance(trial.subject.world, FilmsAndActuators):
         return ()
-    causes = [term_cause(trial.linear, one.term, one.size) for one in in_question]
-    sizes = [np.array([one.size]) for one in in_question]
+    causes = [term_cause(trial.linear, term, size) for term, size in in_question]
+    sizes = [np.array([size]) for _, size in in_question]
     return tuple(try_causes(trial, c, s, generator) for c, s in zip(causes, sizes, strict=True))
 
 

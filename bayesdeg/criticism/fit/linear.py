@@ -85,8 +85,9 @@ class Whitening:
                 factor = back = np.tril(np.full(block.shape, np.nan))
             lower.append((rows, factor))
             inverse.append((rows, back))
-        roots = (_sparse(blocks, len(scatter)) for blocks in (lower, inverse))
-        return cls(*roots, np.zeros((len(scatter), 0)), np.zeros(0)).sharing(shared)
+        size, nothing = len(scatter), np.zeros((len(scatter), 0))
+        roots = _sparse(lower, size), _sparse(inverse, size)
+        return cls(*roots, nothing, np.zeros(0)).sharing(shared)
 
     def sharing(self, shared: Floats) -> "Whitening":
         """Return the whitening for the same scatter and a different shared part, (n, r)."""
