@@ -26,7 +26,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
 from bayesdeg.criticism.holdout.gain import gain_table
-from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
+from bayesdeg.criticism.holdout.held_out import one_by_one, run_folds
 from bayesdeg.data.settings import AnyDimensions
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError, Stopped, use_one_of

@@ -18,14 +18,8 @@ def chance_of(statistic: Floats | float, null: Floats, *, fewest: int = 0) -> Fl
     The data count among the simulated sets, so that the p-value of a correct model is uniform and
     never 0.
 
-    Parameters
-    ----------
-    statistic : float or array, shape (...)
-        Of the data.
-    null : array, shape (..., n)
-        The same of n data sets simulated without an effect.
-    fewest : int
-        Simulated data sets below which nothing is known: then it is nan.
+    The statistic is that of the data, (...), the null that of n data sets simulated without an
+    effect, (..., n); nan with fewer than `fewest` of these.
 
     References
     ----------
@@ -49,14 +43,7 @@ def is_clear(statistic: float, null: Floats, level: float) -> bool:
     The number of data sets beyond the observed one is binomial. If as few, or as many, are
     improbable for a p-value at the level, more data sets would not change the side.
 
-    Parameters
-    ----------
-    statistic : float
-        Of the data.
-    null : array, shape (n,)
-        The same of n simulated data sets.
-    level : float
-        That decides.
+    As in `chance_of`, the null is that of n simulated data sets, (n,).
 
     References
     ----------

@@ -20,11 +20,11 @@ from bayesdeg.criticism.checks.count_misfit import (
     can_be_counted,
     count_misfit,
     own_counts,
+    rupture_misfit,
 )
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.misfit_columns import misfit_columns
 from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
-from bayesdeg.criticism.checks.rupture_misfit import rupture_misfit
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.alternatives import StatedSets, stated_sets
 from bayesdeg.criticism.decide.candidates import (
@@ -70,8 +70,7 @@ from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.fit.side_by_side import later
 from bayesdeg.criticism.fit.trials import DECIDING, CandidateFit, try_causes
-from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, joined
-from bayesdeg.criticism.holdout.leaving_out import in_folds, run_folds
+from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, in_folds, joined, run_folds
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.fit.trials import base_trial
-from bayesdeg.criticism.holdout.leaving_out import in_folds, one_by_one, run_folds
+from bayesdeg.criticism.holdout.held_out import in_folds, one_by_one, run_folds
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel

@@ -85,7 +85,7 @@ def test_levels_share_the_draws():
 
 def test_weights_of_draws_count():
     draws = chances(np.array([[0.2], [0.8]]))
-    law = CountLaw.of(counted([1], [1]), draws, np.log([3.0, 1.0]))
+    law = CountLaw.of(counted([1], [1]), draws).reweighted(np.log([3.0, 1.0]))
     assert np.exp(law.log_probability(np.array([[1.0]])))[0] == pytest.approx(0.35)
     assert law.levels()[0].probability == pytest.approx(0.35)
     drawn = law.simulated(np.random.default_rng(3), 4000)

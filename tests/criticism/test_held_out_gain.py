@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bayesdeg.criticism.fit.trials import base_trial, settled, try_causes
-from bayesdeg.criticism.holdout import leaving_out
+from bayesdeg.criticism.holdout import held_out as module
 from bayesdeg.criticism.holdout.held_out import (
     DRAWS,
     HeldOut,
@@ -18,9 +18,9 @@ from bayesdeg.criticism.holdout.held_out import (
     difference,
     group_levels,
     joined,
+    run_folds,
     standard_error,
 )
-from bayesdeg.criticism.holdout.leaving_out import run_folds
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.observations.curvature import Curvature
@@ -116,7 +116,7 @@ def outlying(observed):
 
 def test_a_specimen_that_carries_the_fit_is_left_out_in_earnest():
     observed = outlying(straight.readings(3))
-    plan = leaving_out.one_by_one(trial_of(observed), np.random.SeedSequence(3))
+    plan = module.one_by_one(trial_of(observed), np.random.SeedSequence(3))
     assert 5 in np.concatenate(plan.parts)
     found, exact = one_by_one(observed), exact_held_out(observed)
     assert exact[5] < exact[:5].min() - 100.0
@@ -138,7 +138,7 @@ def test_each_of_few_specimens_is_left_out_in_earnest(monkeypatch):
     def never(*args):
         raise AssertionError("weights of draws that know the specimen")
 
-    monkeypatch.setattr(leaving_out, "smoothed", never)
+    monkeypatch.setattr(module, "smoothed", never)
     observed = straight.readings(8)
     subject = straight.subject_of(observed).only(np.array([0, 2, 4]))
     found = predict_one_by_one(straight.fitted(subject), seed=np.random.SeedSequence(3))
@@ -221,7 +221,7 @@ def test_workers_do_not_change_the_prediction():
 def test_plans_carried_out_together_give_what_each_gives_alone():
     observed = outlying(straight.readings(7))
     trials = trial_of(observed), trial_of(observed, linear_cause("wave"))
-    plans = [leaving_out.one_by_one(trial, np.random.SeedSequence(3)) for trial in trials]
+    plans = [module.one_by_one(trial, np.random.SeedSequence(3)) for trial in trials]
     done = []
     with ThreadPoolExecutor(2) as executor:
         together = run_folds(plans, executor, done.append)

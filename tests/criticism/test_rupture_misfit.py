@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
-from bayesdeg.criticism.checks import rupture_misfit as module
-from bayesdeg.criticism.checks.rupture_misfit import rupture_misfit
+from bayesdeg.criticism.checks import count_misfit as module
+from bayesdeg.criticism.checks.count_misfit import rupture_misfit
 from bayesdeg.inference.model import replicate
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.means import Means

@@ -66,14 +66,8 @@ UNMOVED = 1e-9  # relative change of a mean by rounding
 class AllElse:
     """The law of the parameters given all data but the readings that the model is judged by.
 
-    Parameters
-    ----------
-    draws : array, shape (n, n_parameters)
-        On the sampler's scale.
-    weights : array, shape (n,)
-        Of the draws; they sum to 1.
-    effective : float
-        Draws of equal weight that are worth as much.
+    Draws (n, n_parameters) are on the sampler's scale, their weights sum to 1, and `effective`
+    draws of equal weight are worth as much.
     """
 
     draws: Floats
@@ -104,12 +98,7 @@ class AllElse:
         with θ' from all else and θ'' ~ N(centre, sd²), independent. Draws represent the first,
         since means of few replicates have heavy tails and bounded priors none.
 
-        Parameters
-        ----------
-        place : int
-            Of the parameter.
-        centre, sd : float
-            Of what the readings alone say, on the sampler's scale.
+        The centre and sd of the readings alone are on the sampler's scale.
         """
         above = float(self.weights @ ndtr((self.draws[:, place] - centre) / max(sd, UNMOVED)))
         tail = min(above, 1.0 - above)
@@ -127,13 +116,6 @@ def judged_kinds(model: JointModel) -> tuple[str, ...]:
 
 def all_else(model: JointModel, start: Floats) -> AllElse:
     """Return the law of the parameters given all but the data that a model is judged by.
-
-    Parameters
-    ----------
-    model : JointModel
-        With its readings.
-    start : array, shape (n_parameters,)
-        A point near.
 
     Raises
     ------
@@ -154,19 +136,14 @@ def all_else(model: JointModel, start: Floats) -> AllElse:
 
 @dataclass(frozen=True)
 class Measured:
-    """A direct measurement of a parameter.
-
-    Parameters
-    ----------
-    value, se : float
-        Mean and its standard error, in the parameter's unit.
-    source : str
-        Where it stands.
-    """
+    """A direct measurement of a parameter: mean and standard error in its unit, and source."""
 
     value: float
     se: float
     source: str
+
+
+NOT_MEASURED = Measured(float("nan"), float("nan"), "")
 
 
 def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
@@ -175,13 +152,6 @@ def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
     Young's modulus at a degradation rate of zero is always six times C1 there; between the ends it
     depends on several parameters. If several means measure the same parameter, the most precise
     one counts.
-
-    Parameters
-    ----------
-    model : JointModel
-        With or without such means.
-    vector : array, shape (n_parameters,)
-        Where the relation is looked at.
     """
     points = vector + STEP * np.vstack([np.zeros(len(vector)), np.eye(len(vector))])
     values = model.table.named(points)
@@ -207,18 +177,15 @@ def measured(model: JointModel, vector: Floats) -> dict[str, Measured]:
 
 def _interval(parameter: Parameter, draws: Floats, weights: Floats | None = None) -> list[float]:
     """Return median and 90 % interval of draws on the sampler's scale, (n,), in the unit."""
-    return [float(parameter.law.from_unconstrained(q)) for q in _quantiles(draws, weights)]
+    if weights is None:
+        found = np.quantile(draws, QUANTILES)
+    else:
+        order = np.argsort(draws)
+        found = np.interp(QUANTILES, np.cumsum(weights[order]), draws[order])
+    return [float(parameter.law.from_unconstrained(q)) for q in found]
 
 
 NO_INTERVAL = [float("nan")] * 3  # of a flat prior
-
-
-def _quantiles(draws: Floats, weights: Floats | None) -> Floats:
-    if weights is None:
-        return np.quantile(draws, QUANTILES)
-    order = np.argsort(draws)
-    found: Floats = np.interp(QUANTILES, np.cumsum(weights[order]), draws[order])
-    return found
 
 
 def holm(p_values: Floats) -> Floats:
@@ -249,14 +216,8 @@ def holm(p_values: Floats) -> Floats:
 class Split:
     """A fitted model with the readings it is judged by separated from all else.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        The fitted model.
-    known : AllElse
-        What all else says.
-    linear : Linear
-        The readings that it is judged by, linearised with the law of all else.
+    `known` is what all else says; `linear` the readings that the model is judged by, linearised
+    with the law of all else.
     """
 
     trial: CandidateFit
@@ -296,14 +257,17 @@ class Split:
         """Every parameter except those of causes, in the order of the model."""
         direct = measured(self.model, self.trial.mode)
         names = self.model.table.names
-        found = [self._one(p, names.index(p.name), direct.get(p.name)) for p in self.model.base]
+        found = [
+            self._one(p, names.index(p.name), direct.get(p.name, NOT_MEASURED))
+            for p in self.model.base
+        ]
         judged = [k for k, one in enumerate(found) if one.is_judged]
         adjusted = holm(np.array([found[k].p_alone for k in judged]))
         for k, p_value in zip(judged, adjusted, strict=True):
             found[k] = found[k].model_copy(update={"p_adjusted": float(p_value)})
         return tuple(found)
 
-    def _one(self, parameter: Parameter, place: int, direct: Measured | None) -> Displacement:
+    def _one(self, parameter: Parameter, place: int, direct: Measured) -> Displacement:
         law, share = parameter.law, float(self.learned[place])
         is_flat = isinstance(law, Flat)
         is_unknown = is_flat and len(judged_kinds(self.model)) == len(self.model.observations)
@@ -324,13 +288,13 @@ class Split:
             base_q05=base[0],
             base_q50=base[1],
             base_q95=base[2],
-            measured=float("nan") if direct is None else direct.value,
-            measured_se=float("nan") if direct is None else direct.se,
-            measured_source="" if direct is None else direct.source,
+            measured=direct.value,
+            measured_se=direct.se,
+            measured_source=direct.source,
             moved_sd=float("nan") if is_unknown else float(self.moved[place]),
             learned=share,
         )
-        is_shown = share >= LEAST_LEARNED and (direct is not None or not is_flat)
+        is_shown = share >= LEAST_LEARNED and (direct is not NOT_MEASURED or not is_flat)
         if not is_shown:
             return one
         # the test of the readings alone against all else
@@ -358,11 +322,6 @@ class Split:
 
         with d the change of the readings, and d₀ that of the films, which shifts all else by δ₀:
         N(m₀, U₀) is the law without films. In standard deviations of all else.
-
-        Parameters
-        ----------
-        effect : PlacedEffect
-            What acts, and where.
         """
         off = effect.of(self.linear.subject) - self.linear.jacobian @ self._by_films(effect)
         found = self.columns.T @ self.linear.whiten_columns(off)
@@ -373,13 +332,6 @@ class Split:
 
         This is how far the posterior mean returns if the effect is part of the model; in a linear
         model it equals `shift_by`.
-
-        Parameters
-        ----------
-        trial : CandidateFit
-            The same model with the effect's causes active, fitted.
-        effect : PlacedEffect
-            That of its causes.
         """
         mean = np.mean(trial.draws(np.random.default_rng(0), DRAWS), axis=0)
         there = dict(zip(trial.subject.table.names, mean, strict=True))
@@ -401,11 +353,6 @@ def split(trial: CandidateFit) -> Split:
     If a parameter has adapted to the readings, these are linearised at its value from all else: a
     scatter that grew to accommodate an effect would hide the shifts of the others, and a law with
     heavy tails adapts completely.
-
-    Parameters
-    ----------
-    trial : CandidateFit
-        The fitted model.
 
     Raises
     ------
@@ -430,14 +377,8 @@ def split(trial: CandidateFit) -> Split:
 class PlacedEffect:
     """Causes at given sizes, at a point of the parameter space.
 
-    Parameters
-    ----------
-    causes : tuple of Cause
-        What acts.
-    vector : array, shape (n_parameters + n_sizes,)
-        Of the model with the causes.
-    neutral : array, the same shape
-        The same where they have no effect.
+    `vector` (n_parameters + n_sizes,) is of the model with the causes; `neutral` is the same where
+    they have no effect.
     """
 
     causes: tuple[Cause, ...]
@@ -448,16 +389,7 @@ class PlacedEffect:
     def at(cls, model: JointModel, point: Floats, cause: Cause, size: Floats) -> "PlacedEffect":
         """Return the effect of a cause that a model lacks.
 
-        Parameters
-        ----------
-        model : JointModel
-            Without the cause.
-        point : array, shape (n_parameters,)
-            Its parameters.
-        cause : Cause
-            What acts.
-        size : array, shape (n_sizes,)
-            On the unconstrained scale.
+        Point (n_parameters,) and size (n_sizes,) are on the sampler's scale.
         """
         extended = model.extended(cause)
         neutral = with_neutral(point, model, extended)
@@ -476,14 +408,8 @@ class PlacedEffect:
 class Push:
     """Shift of a model's parameters by one or several causes that the model lacks.
 
-    Parameters
-    ----------
-    causes : tuple of str
-        Which.
-    log_bayes_factor : float
-        Of the fitted or screened model with them, against the one without a cause [nats].
-    shifts : mapping
-        By parameter, how far it is moved off all else, in standard deviations of all else.
+    `shifts` are by parameter, off all else, in standard deviations of all else; the Bayes factor is
+    against the model without a cause [nats].
     """
 
     causes: tuple[str, ...]
@@ -503,14 +429,8 @@ class Push:
 class Absorption:
     """Displacements of the base model's parameters, and causes that would push them.
 
-    Parameters
-    ----------
-    displacements : tuple of Displacement
-        Of the base model.
-    pushes : tuple of Push
-        Every cause by itself, then those together that the evidence favours, if several.
-    after : tuple of Displacement
-        The same parameters with the causes that the evidence favours; empty if there are none.
+    `pushes` are by every cause by itself, then by those together that the evidence favours, if
+    several; `after` are the same parameters with these, empty if there are none.
     """
 
     displacements: tuple[Displacement, ...]
@@ -525,23 +445,22 @@ class Absorption:
         after: tuple[Displacement, ...] = (),
     ) -> "Absorption":
         """Return displacements that know what pushed them, and where they are with the causes."""
-        given = cls(tuple(displacements), pushes, after)
-        return replace(given, displacements=tuple(map(given._completed, given.displacements)))
-
-    def _completed(self, one: Displacement) -> Displacement:
-        after, known = self.returned(one), dict[str, object]()
-        if after is not None:
-            known = {
-                "after_q05": after.base_q05,
-                "after_q50": after.base_q50,
-                "after_q95": after.base_q95,
-                "after_moved_sd": after.moved_sd,
-            }
-        pushes = self.pushed_by(one) if one.in_question else ()
-        if pushes:
-            known["pushed_by"] = tuple(push.causes for push in pushes)
-            known["pushed_share"] = pushes[0].share(one)
-        return one.model_copy(update=known)
+        given, completed = cls(tuple(displacements), pushes, after), []
+        for one in given.displacements:
+            there, known = given.returned(one), dict[str, object]()
+            if there is not None:
+                known = {
+                    "after_q05": there.base_q05,
+                    "after_q50": there.base_q50,
+                    "after_q95": there.base_q95,
+                    "after_moved_sd": there.moved_sd,
+                }
+            pushed_by = given.pushed_by(one) if one.in_question else ()
+            if pushed_by:
+                known["pushed_by"] = tuple(push.causes for push in pushed_by)
+                known["pushed_share"] = pushed_by[0].share(one)
+            completed.append(one.model_copy(update=known))
+        return replace(given, displacements=tuple(completed))
 
     @property
     def judged(self) -> tuple[Displacement, ...]:
@@ -582,13 +501,6 @@ class Absorption:
 def absorption(search: Search, chosen: Names) -> Absorption:
     """Return the displacements of the base model's parameters, and the causes that would push them.
 
-    Parameters
-    ----------
-    search : Search
-        With the base model screened, and some sets of causes fitted.
-    chosen : frozenset of str
-        The causes that the evidence favours.
-
     Raises
     ------
     ValueError
@@ -619,27 +531,16 @@ def _pushes(search: Search, base: Split, chosen: Names) -> Iterable[Push]:
         else:
             effect = PlacedEffect.at(base.model, base.linear.mode, *step.guess(cause.name))
             shift, factor = base.shift_by(effect), step.screened[cause.name].log_bayes_factor
-        yield _push((cause.name,), factor, shift, names)
+        yield Push((cause.name,), factor, dict(zip(names, shift.tolist(), strict=True)))
     if len(chosen) > 1:
         trial = search.trials[chosen]
-        shift = base.refit_shift(trial, effect_in(trial, chosen))
-        yield _push(tuple(sorted(chosen)), search.factor(chosen), shift, names)
-
-
-def _push(causes: tuple[str, ...], factor: float, shift: Floats, names: Iterable[str]) -> Push:
-    return Push(causes, factor, dict(zip(names, shift.tolist(), strict=True)))
+        shifts = base.refit_shift(trial, effect_in(trial, chosen)).tolist()
+        together = dict(zip(names, shifts, strict=True))
+        yield Push(tuple(sorted(chosen)), search.factor(chosen), together)
 
 
 def effect_in(trial: CandidateFit, names: Names) -> PlacedEffect:
-    """Return the effect of some of a fitted model's causes.
-
-    Parameters
-    ----------
-    trial : CandidateFit
-        With the causes active.
-    names : frozenset of str
-        Those whose effect it is.
-    """
+    """Return the effect of some of a fitted model's causes."""
     acting = tuple(cause for cause in trial.subject.causes if cause.name in names)
     lacking = replace(trial.subject, causes=acting)
     table = dict(zip(trial.subject.table.names, trial.mode, strict=True))

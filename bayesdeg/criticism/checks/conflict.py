@@ -6,6 +6,8 @@ prior in place of a mean yields to many readings. Data simulated from the fitted
 reveal it, since they come from that same volume ratio.
 """
 
+from itertools import chain
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -14,7 +16,7 @@ from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.findings import Conflict, Questioned
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
 from bayesdeg.inference.model import JointModel
-from bayesdeg.observations.means import Means, Statistic
+from bayesdeg.observations.means import Means
 from bayesdeg.priors import Distribution, Flat, Parameter
 
 Floats = NDArray[np.float64]
@@ -30,12 +32,7 @@ def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
 
     with E and sd those of the posterior, which already includes the mean, so p is rather too large.
 
-    Parameters
-    ----------
-    model : JointModel
-        With statistics; else there is nothing to compare: None.
-    vectors : array, shape (k, n_parameters)
-        Posterior draws.
+    None if the model has no measured means.
 
     References
     ----------
@@ -44,26 +41,25 @@ def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
     """
     values = model.table.named(vectors)
     state = model.state(values)
-    found = [_of(*pair) for one in model.of_kind(Means) for pair in one.compared(state)]
+    found = []
+    for statistic, expected in chain.from_iterable(o.compared(state) for o in model.of_kind(Means)):
+        wanted, sd = float(np.mean(expected)), float(np.std(expected))
+        far = abs(statistic.value - wanted) / float(np.hypot(statistic.se, sd))
+        dof = statistic.dof
+        one = Conflict(
+            quantity=statistic.quantity,
+            measured=statistic.value,
+            standard_error=statistic.se,
+            source=statistic.source,
+            calibrated=wanted,
+            p_value=float(2.0 * (stats.norm.sf(far) if np.isinf(dof) else stats.t.sf(far, dof))),
+            calibrated_sd=sd,
+        )
+        found.append(one)
     if not found:
         return None
     worst = min(found, key=lambda one: one.p_value)
     return worst.model_copy(update={"p_value": min(1.0, worst.p_value * len(found))})
-
-
-def _of(statistic: Statistic, expected: Floats) -> Conflict:
-    wanted, sd = float(np.mean(expected)), float(np.std(expected))
-    far = abs(statistic.value - wanted) / float(np.hypot(statistic.se, sd))
-    dof = statistic.dof
-    return Conflict(
-        quantity=statistic.quantity,
-        measured=statistic.value,
-        standard_error=statistic.se,
-        source=statistic.source,
-        calibrated=wanted,
-        p_value=float(2.0 * (stats.norm.sf(far) if np.isinf(dof) else stats.t.sf(far, dof))),
-        calibrated_sd=sd,
-    )
 
 
 def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
@@ -76,12 +72,7 @@ def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
     posterior already includes the prior, so p is rather too large. A uniform or flat prior is never
     contradicted, nor is the prior of an error by readings that are more accurate.
 
-    Parameters
-    ----------
-    model : JointModel
-        Of which the parameters of causes are left out: their sizes are judged with the causes.
-    vectors : array, shape (k, n_parameters)
-        Posterior draws.
+    Parameters of causes are left out: their sizes are judged with the causes.
 
     References
     ----------

@@ -1,4 +1,4 @@
-r"""Probability of rupture counts under a calibrated model.
+r"""Probability of ruptures, and of their counts, under a calibrated model.
 
 With :math:`p_l(\theta)` the probability that an actuator of level l bursts, its own stiffness and
 strength included, the probability of the counts is the average of the binomial law over the
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.findings import CountedLevel
-from bayesdeg.inference.model import JointModel
+from bayesdeg.criticism.findings import CountedLevel, RuptureMisfit
+from bayesdeg.inference.model import JointModel, replicate
 from bayesdeg.observations.counts import (
     Chances,
     CountedTests,
@@ -31,6 +31,7 @@ from bayesdeg.observations.counts import (
     log_count,
 )
 from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.rupture import Rupture
 from bayesdeg.observations.specimens import OF_ACTUATORS, has_elongation
 
 Floats = NDArray[np.float64]
@@ -104,21 +105,7 @@ def count_misfit(
     generator: np.random.Generator,
     source: str,
 ) -> CountMisfit:
-    """Compare counts of ruptures with those that a model expects.
-
-    Parameters
-    ----------
-    model : JointModel
-        That knows of actuators and of their elongation at break; its causes act.
-    counts : RuptureCounts
-        How many burst.
-    vectors : array, shape (n, n_parameters)
-        Posterior draws.
-    generator : Generator
-        For simulated counts.
-    source : str
-        Where the counts are from.
-    """
+    """Compare counts of ruptures with those that a model expects."""
     chances = answered(chances_at(model, counts, vectors))
     return judged_counts(counts.tests, chances, generator, source)
 
@@ -169,16 +156,14 @@ class CountLaw(NamedTuple):
     log_weights: Floats
 
     @classmethod
-    def of(
-        cls, tests: CountedTests, chances: Chances, log_weights: Floats | None = None
-    ) -> "CountLaw":
-        """Return the law for draws with unnormalised weights; equal by default."""
-        weights = np.zeros(len(chances.burst)) if log_weights is None else log_weights
+    def of(cls, tests: CountedTests, chances: Chances) -> "CountLaw":
+        """Return the law for draws of equal weight."""
+        weights = np.zeros(len(chances.burst))
         return cls(tests, chances, weights - logsumexp(weights))
 
     def reweighted(self, log_weights: Floats) -> "CountLaw":
-        """Return the law with different weights."""
-        return CountLaw.of(self.tests, self.chances, log_weights)
+        """Return the law with different weights, not normalised."""
+        return self._replace(log_weights=log_weights - logsumexp(log_weights))
 
     def draw_by_draw(self, ruptured: Floats) -> Floats:
         """Return the log probability of counts (n_levels,) under each draw, (n,)."""
@@ -234,3 +219,57 @@ def own_counts(model: JointModel) -> RuptureCounts | None:
     """Return the number of a study's own actuators that burst, by level; None without actuators."""
     found = (RuptureCounts(counted_by_level(one.tests)) for one in model.of_kind(Curvature))
     return next(found, None)
+
+
+FEWEST_REPLICATES = 19
+"""Fewest simulated data sets with which a p-value can reach 0.05, for judging ruptures."""
+
+
+def rupture_misfit(
+    model: JointModel, vectors: Floats, generator: np.random.Generator
+) -> RuptureMisfit | None:
+    """Compare ruptures with those of data simulated from posterior draws.
+
+    The discrepancy is −2 Σ ln P of the specimens' survivals and ruptures, data and simulated data
+    each at the parameters of the same draw.
+
+    Draws are (k, n_parameters). None without actuators or a limit of elongation.
+
+    References
+    ----------
+    Gelman, Meng, Stern (1996), Statistica Sinica 6:733, for discrepancies that depend on
+    parameters.
+    """
+    happened = _events(model)
+    if happened is None:
+        return None
+    observed = _deviances(model, vectors)
+    simulated, bursts = [], []
+    for vector in vectors:
+        again = replicate(model, model.table.named(vector[None]), generator)
+        simulated.append(_deviances(again, vector[None])[0])
+        bursts.append(_events(again) or 0)
+    known = np.isfinite(observed) & np.isfinite(simulated)
+    count = int(np.sum(known))
+    excess = np.array(simulated)[known] - observed[known]
+    return RuptureMisfit(
+        burst=happened,
+        expected=float(np.mean(bursts)),
+        deviance=float(np.mean(observed[known])) if count else float("nan"),
+        p_value=float(chance_of(0.0, excess, fewest=FEWEST_REPLICATES)),
+        known=count,
+        drawn=len(vectors),
+    )
+
+
+def _deviances(model: JointModel, vectors: Floats) -> Floats:
+    """Return −2 ln of the ruptures' probability, (k,), ignoring nan readings."""
+    with np.errstate(all="ignore"):
+        state = model.state(model.table.named(vectors))
+        densities = [o.log_likelihood(state) for o in model.of_kind(Rupture)]
+        return np.asarray(-2.0 * np.sum(np.concatenate(densities, axis=1), axis=1))
+
+
+def _events(model: JointModel) -> int | None:
+    """Return the number of specimens with an event; None if none is recorded."""
+    return next((one.events for one in model.of_kind(Rupture)), None)

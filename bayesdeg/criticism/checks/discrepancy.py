@@ -49,16 +49,8 @@ SMALLEST = 1e-8
 class Discrepancy:
     """One covariance of discrepancies on the whitened scale.
 
-    Parameters
-    ----------
-    family : str
-        Of which readings.
-    label : str
-        In words: what it is a function of.
-    values : array, shape (r,)
-        Eigenvalues for a relative size of 1.
-    vectors : array, shape (n, r)
-        Eigenvectors.
+    `label` says what it is a function of; eigenvalues (r,) are for a relative size of 1,
+    eigenvectors (n, r).
     """
 
     family: str
@@ -96,10 +88,13 @@ def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, 
                 size = np.abs(mean[own])
                 share = 1.0 if number == 0 else of_others
                 envelope[own] = share * (size + 0.1 * size.max(initial=0.0))
-            for label, kernel in shapes:
-                root = _root(kernel * np.outer(envelope[rows], envelope[rows]))
-                whole = np.zeros((len(rows), root.shape[1]))
-                whole[rows] = root
+            for label, correlation in shapes:
+                kernel = correlation * np.outer(envelope[rows], envelope[rows])
+                # a factor of low rank, by Cholesky with pivots
+                least = SMALLEST * float(np.diag(kernel).max())
+                factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=least)
+                whole = np.zeros((len(rows), rank))
+                whole[np.flatnonzero(rows)[pivots - 1]] = np.tril(factor)[:, :rank]
                 yield family, label, whole
 
 
@@ -123,15 +118,6 @@ def _shapes(places: Places) -> Iterator[tuple[str, Floats]]:
         if 1 < len(np.unique(group)) < len(places):
             same = (group[:, None] == group).astype(np.float64)
             yield f"the path, for each {label}", smooth(LONG, EVERYWHERE) * same
-
-
-def _root(kernel: Floats) -> Floats:
-    """Return a factor (n, r) of a covariance of low rank, by Cholesky with pivots."""
-    factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=SMALLEST * float(np.diag(kernel).max()))
-    lower = np.tril(factor)[:, :rank]
-    root = np.empty_like(lower)
-    root[pivots - 1] = lower
-    return root
 
 
 AMPLITUDES = np.geomspace(0.005, 1.0, 25)
@@ -188,17 +174,12 @@ class Misfit:
 def measure(linear: Linear, simulated: Floats) -> Misfit:
     """Measure the misfit of a model and calibrate it by data simulated from its posterior.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n_readings)
-        Data sets; nan where the model had no answer.
+    Data sets (k, n_readings) have nan where the model had no answer.
     """
-    known = np.all(np.isfinite(simulated), axis=1)
+    known, drawn = answered(simulated), len(simulated)
     kernels = discrepancies(linear)
     statistic, best = largest_ratio(linear.observed[None], kernels)
-    null, _ = largest_ratio(linear.whiten(simulated[known]), kernels)
+    null, _ = largest_ratio(linear.whiten(known), kernels)
     kernel = kernels[int(best[0]) // len(AMPLITUDES)]
     amplitude = AMPLITUDES[int(best[0]) % len(AMPLITUDES)]
     signal = amplitude**2 * kernel.values
@@ -210,9 +191,14 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
         family=kernel.family,
         label=kernel.label,
         discrepancy=linear.whitening.coloured(shrunk),
-        lost=1.0 - float(np.mean(known)) if len(known) else 0.0,
-        drawn=len(known),
+        lost=1.0 - len(known) / drawn if drawn else 0.0,
+        drawn=drawn,
     )
+
+
+def answered(simulated: Floats) -> Floats:
+    """Return the simulated data sets (k, n_readings) in which the model had every answer."""
+    return simulated[np.all(np.isfinite(simulated), axis=1)]
 
 
 def _p_value(statistic: float, null: Floats) -> float:
@@ -232,23 +218,12 @@ def resolved(
     Each round doubles the number of data sets. With few, chance would decide the outcome of a
     p-value near the level.
 
-    Parameters
-    ----------
-    misfit : Misfit
-        As it was measured with some data sets.
-    linear : Linear
-        The model linearised at its mode.
-    simulate : callable
-        Returns so many more data sets, (k, n_readings).
-    most : int
-        Data sets at which to stop in any case.
-    level : float
-        That decides.
+    `simulate` returns so many more data sets, (k, n_readings); it stops at `most` in any case.
     """
     null, drawn = misfit.null, misfit.drawn
     while FEWEST <= len(null) < most and not is_clear(misfit.statistic, null, level):
         simulated = simulate(min(len(null), most - len(null)))
-        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        known = answered(simulated)
         drawn += len(simulated)
         if not len(known):
             break
@@ -267,16 +242,6 @@ def power(linear: Linear) -> float:
 
     at the level p = `MISFIT_LEVEL`. For a single reading, which the parameters can always match, it
     is little more than p; for a curve it is nearly 1.
-
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-
-    Returns
-    -------
-    float
-        Between `MISFIT_LEVEL` and 1.
     """
     largest = 0.0
     for _, _, root in discrepancy_roots(linear.subject.places, linear.subject.observed):
@@ -329,21 +294,21 @@ def largest_ratio(
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Return the largest log-likelihood ratio over kernels and amplitudes, and its kernel.
 
-    Parameters
-    ----------
-    whitened : array, shape (k, n_readings)
-        Data sets.
-    kernels : tuple of Discrepancy
-        What is tried; index of the best = kernel × number of amplitudes + amplitude.
+    Of data sets (k, n_readings); the index of the best is kernel × number of amplitudes +
+    amplitude.
     """
     ratios = []
     for kernel in kernels:
-        squares = (whitened @ kernel.vectors) ** 2
         signal = AMPLITUDES[:, None] ** 2 * kernel.values
-        gain = 0.5 * (signal / (1.0 + signal)) @ squares.T
-        ratios.append(gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None])
+        ratios.append(log_ratios(signal, whitened @ kernel.vectors))
     table = np.concatenate(ratios)
     return np.maximum(table.max(axis=0), 0.0), table.argmax(axis=0)
+
+
+def log_ratios(signal: Floats, projected: Floats) -> Floats:
+    """Return ln N(z; 0, I + Q diag(s) Qᵀ) − ln N(z; 0, I), (a, k), for s (a, r) and z Q (k, r)."""
+    gain: Floats = 0.5 * (signal / (1.0 + signal)) @ (projected**2).T
+    return gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None]
 
 
 def interval_with_discrepancy(trial: CandidateFit, name: str) -> tuple[float, float]:

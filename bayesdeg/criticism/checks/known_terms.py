@@ -28,7 +28,7 @@ d its direction, F F' the covariance of the readings with the parameters integra
 of errors and scatter alone.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise, product
@@ -114,17 +114,13 @@ HISTORY = Quantified("history", "history")
 BATCH = Quantified("batch", "batch")
 RATE = Quantified("level", "D_R")
 SIZE = "size"
+ALL_ALIKE = np.zeros(1)  # in place of a quantity that was not recorded
 
 
 class KnownColumns(NamedTuple):
     """Known quantities of each reading by column; all arrays of one shape.
 
-    Parameters
-    ----------
-    numbers : mapping of str to array
-        Quantities in their units.
-    labels : mapping of str to array of str
-        Groups to which readings belong.
+    Numbers are in the quantities' units; labels are the groups to which readings belong.
     """
 
     numbers: Mapping[str, Floats]
@@ -315,14 +311,7 @@ class KnownTerm:
     def change(self, kind: str, known: KnownColumns, reading: Floats, slope: Floats) -> Floats:
         """Return its effect on readings of one kind, with coefficient 1.
 
-        Parameters
-        ----------
-        kind : str
-            What was read.
-        known : KnownColumns
-            What is known of these readings.
-        reading, slope : array
-            As they are without it, and ∂y/∂x along the path.
+        Readings and their slopes ∂y/∂x along the path are those without it.
         """
         if kind not in self.kinds:
             return np.zeros_like(reading)
@@ -365,12 +354,7 @@ class KnownTerms:
 def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> KnownTerms:
     """Return the candidate terms of a linearised model that its parameters cannot absorb.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    batches : mapping of str to str, optional
-        The batch of each specimen of which it is known.
+    Batches are by specimen, as far as known.
     """
     places, terms, columns = linear.subject.places, [], []
     slope = slopes_along(places, linear.prediction)
@@ -387,20 +371,15 @@ def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> Kno
             columns.append(whole)
     order = sorted(range(len(terms)), key=lambda i: terms[i].complexity)
     directions = np.array([columns[i] for i in order]).reshape(len(terms), len(places)).T
-    return _offered(linear, [terms[i] for i in order], directions)
-
-
-def _offered(linear: Linear, terms: Sequence[KnownTerm], directions: Floats) -> KnownTerms:
-    """Return the terms that parameters cannot absorb, without equivalent ones."""
     whitened = linear.whiten_columns(directions)
     own = linear.whitening.inverse @ directions
-    square, whole = np.sum(whitened**2, axis=0), np.sum(own**2, axis=0)
-    seen = np.flatnonzero(square > np.maximum(LEAST_LEFT * whole, 1e-12))
+    square, before = np.sum(whitened**2, axis=0), np.sum(own**2, axis=0)
+    seen = np.flatnonzero(square > np.maximum(LEAST_LEFT * before, 1e-12))
     unit = whitened[:, seen] / np.sqrt(square[seen])
     same = np.abs(unit.T @ unit) > ALIKE
     first = np.array([not same[i, :i].any() for i in range(len(seen))], dtype=bool)
     kept = seen[first] if len(seen) else seen
-    found = tuple(terms[i] for i in kept.tolist())
+    found = tuple(terms[order[i]] for i in kept.tolist())
     complexity = np.array([one.complexity for one in found], dtype=int)
     count = np.bincount(complexity, minlength=1)
     penalty = np.log(count[complexity]) if len(found) else np.zeros(0)
@@ -450,19 +429,21 @@ def known_of(linear: Linear, rows: Flags, batches: Mapping[str, str]) -> KnownCo
         TIME.column: places.time,
         HUMIDITY.column: places.humidity,
     }
-    modulus = _modulus(linear, places)
-    if modulus is not None:
-        numbers[LOAD.column] = 1e-3 * places.along / modulus
+    model = linear.subject
+    if places.family[0] == ACTUATOR and isinstance(model.world, FilmsAndActuators):
+        rates, place = np.unique(places.level, return_inverse=True)
+        numbers[LOAD.column] = 1e-3 * places.along / moduli_at(model, linear.mode, rates)[place]
     unit = " %" if places.family[0] in PATHS else ""
     centres, member = levels(places.level)
     labels = {RATE.column: np.array([f"{centre:.3g}{unit}" for centre in centres])[member]}
     labels[BATCH.column] = np.array([batches.get(str(name), "") for name in places.specimen])
-    split = _histories(places)
-    if split is None:
-        labels[HISTORY.column] = places.history
-    else:
+    words = [history.split() for history in places.history.tolist()]
+    if all(len(one) == 3 and one[1].isdigit() for one in words):  # branch, cycle and mount
+        split = np.array(words)
         labels[BRANCH.column], labels[MOUNT.column] = split[:, 0], split[:, 2]
         numbers[CYCLE.column] = split[:, 1].astype(np.float64) - 1.0
+    else:
+        labels[HISTORY.column] = places.history
     return KnownColumns({n: v for n, v in numbers.items() if np.all(np.isfinite(v))}, labels)
 
 
@@ -495,23 +476,6 @@ def moduli_at(model: JointModel, vector: Floats, rates: Floats) -> Floats:
     values = model.table.named(vector[None])
     moduli: Floats = young_modulus(values, model.world.constants(values, rates), model.causes)[0]
     return moduli
-
-
-def _modulus(linear: Linear, places: Places) -> Floats | None:
-    """Return 6 C1 at the degradation rate of each reading [MPa]; None if x is not a pressure."""
-    model = linear.subject
-    if places.family[0] != ACTUATOR or not isinstance(model.world, FilmsAndActuators):
-        return None
-    rates, place = np.unique(places.level, return_inverse=True)
-    return np.asarray(moduli_at(model, linear.mode, rates)[place])
-
-
-def _histories(places: Places) -> Labels | None:
-    """Return branch, cycle and mount of each reading; None for histories of a different kind."""
-    words = [history.split() for history in places.history.tolist()]
-    if any(len(one) != 3 or not one[1].isdigit() for one in words):
-        return None
-    return np.array(words)
 
 
 def _terms_of(linear: Linear, rows: Flags, known: KnownColumns) -> Iterator[KnownTerm]:
@@ -568,23 +532,23 @@ def _shapes(of: Quantified, values: Floats) -> Iterator[KnownFunction]:
 
 def _of_state(places: Places, known: KnownColumns) -> Iterator[KnownFunction]:
     """Yield functions of the specimen's state, and of the history of its test."""
-    rates = known.numbers.get(DEGRADATION.column)
-    if rates is not None and np.ptp(rates) > 0.0:
+    rates = known.numbers.get(DEGRADATION.column, ALL_ALIKE)
+    if np.ptp(rates) > 0.0:
         of = DEGRADATION if places.family[0] in PATHS else LEVEL
         for power in (1, 2):
             yield KnownFunction(of._replace(column=DEGRADATION.column), Form.POWER,
                                 float(np.max(np.abs(rates))), end=power)  # fmt: skip
-    if TIME.column in known.numbers and np.ptp(known.numbers[TIME.column]) > 0.0:
-        time = known.numbers[TIME.column]
+    time = known.numbers.get(TIME.column, ALL_ALIKE)
+    if np.ptp(time) > 0.0:
         yield KnownFunction(TIME, Form.POWER, float(np.max(time)), end=1)
         first = 0.1 * float(np.median(time[time > 0.0]))
         yield KnownFunction(TIME, Form.LOGARITHM, first)
-    humidity = known.numbers.get(HUMIDITY.column)
-    if humidity is not None and np.ptp(humidity) > 0.0:
+    humidity = known.numbers.get(HUMIDITY.column, ALL_ALIKE)
+    if np.ptp(humidity) > 0.0:
         middle = float(np.median(humidity))
         yield KnownFunction(HUMIDITY, Form.POWER, float(np.ptp(humidity)), middle, 1)
-    cycle = known.numbers.get(CYCLE.column)
-    if cycle is not None and np.max(cycle) > 0.0:
+    cycle = known.numbers.get(CYCLE.column, ALL_ALIKE)
+    if np.max(cycle) > 0.0:
         yield KnownFunction(CYCLE, Form.ABOVE, float(np.max(cycle)), 0.0)
         yield KnownFunction(CYCLE, Form.LOGARITHM, 1.0)
     rate = RATE if places.family[0] in PATHS else LEVEL

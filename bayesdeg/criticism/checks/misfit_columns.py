@@ -17,7 +17,7 @@ are fitted again (`criticism.fit.linear.Linear.unexplained`), on average over th
 first kind, also over the mean size of what the model predicts there.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from bayesdeg.criticism.checks.known_terms import (
     path_of,
     reading_unit,
 )
+from bayesdeg.criticism.checks.residuals import gain_of
 from bayesdeg.criticism.findings import ColumnMisfit, LevelMisfit
 from bayesdeg.criticism.fit.linear import Linear
 
@@ -43,7 +44,6 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 PARTS = 3  # equal-count parts of a numeric column
-FAINT = 1e-6  # relative to the largest: a direction spanned by the others
 
 
 def misfit_columns(
@@ -55,23 +55,14 @@ def misfit_columns(
 ) -> tuple[ColumnMisfit, ...]:
     """Return the misfit by column, the largest share first.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n_readings)
-        Data sets simulated from its posterior.
-    misfit : Misfit
-        What was measured of it: the columns are those of its family.
-    batches : mapping of str to str, optional
-        The batch of each specimen of which it is known.
+    The columns are those of the family of the misfit; batches are by specimen, as far as known.
     """
     ceiling = misfit.statistic - misfit.by_chance
     if ceiling <= 0.0 or not len(simulated):
         return ()
     data = np.vstack([linear.observed, linear.whiten(simulated)])
     rows = linear.subject.places.family == misfit.family
-    columns = dict(_columns(linear, rows, batches or {}))
+    columns = _columns(linear, rows, batches or {})
     parts = {name: _by_level(linear, rows, labels) for name, labels in columns.items()}
     gains = {n: _gain(linear, np.hstack([*own.values()]), data) for n, own in parts.items()}
     ceiling = max([ceiling, *gains.values()])
@@ -105,12 +96,14 @@ def misfit_columns(
 
 def _columns(
     linear: Linear, rows: Flags, batches: Mapping[str, str]
-) -> Iterator[tuple[str, NDArray[np.str_]]]:
-    """Yield columns with several levels, and the level of each reading of the family."""
+) -> dict[str, NDArray[np.str_]]:
+    """Return columns with several levels, and the level of each reading of the family."""
     places, known = linear.subject.places.subset(rows), known_of(linear, rows, batches)
-    path = path_of(linear, places)
-    numbers = ((path.column, path.unit), (TIME.column, TIME.unit), (HUMIDITY.column, HUMIDITY.unit))
-    found = {c: _thirds(known.numbers[c], u) for c, u in numbers if c in known.numbers}
+    found = {
+        one.column: _thirds(known.numbers[one.column], one.unit)
+        for one in (path_of(linear, places), TIME, HUMIDITY)
+        if one.column in known.numbers
+    }
     for quantity in (RATE, BRANCH, MOUNT, HISTORY, BATCH):
         if quantity.column in known.labels:
             found[quantity.column] = known.labels[quantity.column]
@@ -118,7 +111,7 @@ def _columns(
         found["cycle"] = np.array([f"{1.0 + c:g}" for c in known.numbers[CYCLE.column]])
     found["specimen"] = places.specimen
     found["kind of reading"] = places.kind
-    yield from ((name, labels) for name, labels in found.items() if len(np.unique(labels)) > 1)
+    return {name: labels for name, labels in found.items() if len(np.unique(labels)) > 1}
 
 
 def _thirds(values: Floats, unit: str) -> NDArray[np.str_]:
@@ -152,8 +145,5 @@ def _by_level(linear: Linear, rows: Flags, labels: NDArray[np.str_]) -> dict[str
 
 def _gain(linear: Linear, directions: Floats, data: Floats) -> float:
     """Return the gain of directions in log-likelihood of the first data set, less chance [nats]."""
-    whitened = linear.whiten_columns(directions)
-    vectors, values, _ = np.linalg.svd(whitened, full_matrices=False)
-    basis = vectors[:, values > FAINT * values[0]]
-    gain = 0.5 * np.sum((data @ basis) ** 2, axis=1)
+    gain = gain_of(linear, directions, data)
     return max(float(gain[0] - np.mean(gain[1:])), 0.0)

@@ -30,7 +30,7 @@ Scott and Berger (2010), doi:10.1214/10-AOS792; Barber and Candès (2015), doi:1
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -64,14 +64,8 @@ QUANTILE = 1.645  # half-width of a 90 % interval of the normal law, in sd
 class AlikeTerm:
     """A term that fits as well as the one that was taken.
 
-    Parameters
-    ----------
-    term : KnownTerm
-        Which.
-    size : float
-        In the unit of the term.
-    behind : float
-        What it gains less than the best, the complexities weighed [nats]; below ln 20.
+    `behind` is what it gains less than the best, the complexities weighed [nats], below ln 20; the
+    size is in the unit of the term.
     """
 
     term: KnownTerm
@@ -167,16 +161,8 @@ def missing_terms(
 ) -> MissingTerms:
     """Return the few terms that would remove the misfit of a linearised model.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n_readings)
-        Data sets simulated from its posterior, without a misfit.
-    misfit : Misfit
-        What was measured of it.
-    batches : mapping of str to str, optional
-        The batch of each specimen of which it is known.
+    Data sets (k, n_readings) are simulated from its posterior, without a misfit; batches are by
+    specimen, as far as known.
     """
     offered = known_terms(linear, batches)
     null = linear.whiten(simulated) if len(simulated) else np.zeros((0, len(linear.mean)))
@@ -184,8 +170,12 @@ def missing_terms(
         return MissingTerms((), len(offered), len(null), float("nan"))
     picks = search_terms(offered, linear.observed, null)
     p_value = picks[0].p_value if picks else 1.0
-    held = _held_out(linear, offered, len([one for one in picks if one.p_value <= FALSE_TERMS]))
-    given = _given(picks, held)
+    given = len([one for one in picks if one.p_value <= FALSE_TERMS])
+    held = _held_out(linear, offered, given)
+    if held is not None:  # terms that held-out specimens confirm
+        gains = (_gain_of(held, count) for count in range(given))
+        unconfirmed = (count for count, (gain, error) in enumerate(gains) if not gain > error)
+        given = next(unconfirmed, given)
     terms = _described(linear, offered, picks[:given], held, misfit)
     best = terms[:1] or _described(linear, offered, picks[:1], held, misfit)
     return MissingTerms(terms, len(offered), len(null), p_value, next(iter(best), None))
@@ -195,14 +185,8 @@ def missing_terms(
 class Pick:
     """One step of the search.
 
-    Parameters
-    ----------
-    index : int
-        Of the term.
-    gains : array, shape (m,)
-        Of every term at this step [nats]; −inf of those that are made of the terms before.
-    p_value : float
-        Of the best, adjusted for all; nan without simulated data.
+    `gains` (m,) are those of every term [nats], −inf of those made of the terms before; the p-value
+    is that of the best, adjusted for all, nan without simulated data.
     """
 
     index: int
@@ -215,21 +199,8 @@ def search_terms(
 ) -> tuple[Pick, ...]:
     """Return the best term, then the best in addition, while they exceed chance.
 
-    Parameters
-    ----------
-    offered : KnownTerms
-        The dictionary.
-    observed : array, shape (n,)
-        Whitened data.
-    null : array, shape (k, n)
-        Whitened data without a misfit; without any, nothing is tested and all steps are made.
-    most : int
-        Steps at most.
-
-    Returns
-    -------
-    tuple of Pick
-        With the first that is explained by chance, at which the search ends.
+    `null` (k, n) are whitened data without a misfit; without any, nothing is tested and all steps
+    are made. The last pick is the first that is explained by chance.
     """
     found: list[Pick] = []
     directions = offered.whitened
@@ -253,18 +224,6 @@ def search_terms(
         along = unit[:, best]
         directions = directions - np.outer(along, along @ directions)
     return tuple(found)
-
-
-def _given(picks: Sequence[Pick], held: Floats | None) -> int:
-    """Return the number of terms given: beyond chance and confirmed by held-out specimens."""
-    significant = len([one for one in picks if one.p_value <= FALSE_TERMS])
-    if held is None:
-        return significant
-    for count in range(significant):
-        gain, error = _gain_of(held, count)
-        if not gain > error:
-            return count
-    return significant
 
 
 def _gain_of(held: Floats, place: int) -> tuple[float, float]:
@@ -345,6 +304,12 @@ class _Fold:
         rest = ~self.held
         return np.asarray(cholesky(self.linear.covariance[np.ix_(rest, rest)], lower=True))
 
+    @cached_property
+    def cross(self) -> Floats:
+        """Covariance of the others, whitened, and the held-out readings."""
+        between = self.linear.covariance[np.ix_(~self.held, self.held)]
+        return np.asarray(solve_triangular(self.others, between, lower=True))
+
     def whitened(self, columns: Floats) -> Floats:
         """Return columns (n, k), of all others, on their whitened scale."""
         rest = columns[~self.held]
@@ -352,16 +317,13 @@ class _Fold:
 
     def conditional(self, columns: Floats) -> Floats:
         """Return columns (n, k) of the held-out readings, less their prediction from the others."""
-        covariance = self.linear.covariance
-        cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
-        return np.asarray(columns[self.held] - cross.T @ self.whitened(columns))
+        return np.asarray(columns[self.held] - self.cross.T @ self.whitened(columns))
 
     @cached_property
     def own(self) -> Floats:
         """Covariance of the held-out readings given the others."""
-        covariance = self.linear.covariance
-        cross = solve_triangular(self.others, covariance[np.ix_(~self.held, self.held)], lower=True)
-        return np.asarray(covariance[np.ix_(self.held, self.held)] - cross.T @ cross)
+        covariance = self.linear.covariance[np.ix_(self.held, self.held)]
+        return np.asarray(covariance - self.cross.T @ self.cross)
 
 
 def _held_out(linear: Linear, offered: KnownTerms, most: int) -> Floats | None:
@@ -374,31 +336,25 @@ def _held_out(linear: Linear, offered: KnownTerms, most: int) -> Floats | None:
     if len(names) < 2 or most == 0:
         return None
     member = {name: i % min(FOLDS, len(names)) for i, name in enumerate(names)}
-    fold = np.array([member.get(name, -1) for name in group.tolist()])
-    return np.array(
-        [_fold_densities(linear, offered, fold == k, most) for k in np.unique(fold) if k >= 0]
-    )
-
-
-def _fold_densities(
-    linear: Linear, offered: KnownTerms, held: NDArray[np.bool_], most: int
-) -> list[float]:
-    fold = _Fold(linear, held)
+    numbers = np.array([member.get(name, -1) for name in group.tolist()])
     residual = (linear.subject.observed - linear.mean)[:, None]
-    data, whitened = fold.whitened(residual)[:, 0], fold.whitened(offered.directions)
-    inside = KnownTerms(offered.terms, offered.directions, whitened, offered.penalty)
-    picks = search_terms(inside, data, np.zeros((0, len(data))), most=most)
     found = []
-    for count in range(most + 1):
-        chosen = [one.index for one in picks[:count]]
-        mean, covariance = fold.conditional(residual)[:, 0], fold.own
-        if chosen:
-            seen = whitened[:, chosen]
-            uncertain = np.linalg.inv(seen.T @ seen)
-            acts = fold.conditional(offered.directions[:, chosen])
-            mean = mean - acts @ (uncertain @ (seen.T @ data))
-            covariance = covariance + acts @ uncertain @ acts.T
-        factor = cho_factor(covariance, lower=True)
-        logs = 2.0 * np.sum(np.log(np.diag(factor[0])))
-        found.append(float(-0.5 * (mean @ cho_solve(factor, mean) + logs)))
-    return found
+    for k in range(min(FOLDS, len(names))):
+        fold, densities = _Fold(linear, numbers == k), []
+        data, whitened = fold.whitened(residual)[:, 0], fold.whitened(offered.directions)
+        inside = replace(offered, whitened=whitened)
+        picks = search_terms(inside, data, np.zeros((0, len(data))), most=most)
+        for count in range(most + 1):
+            chosen = [one.index for one in picks[:count]]
+            mean, covariance = fold.conditional(residual)[:, 0], fold.own
+            if chosen:
+                seen = whitened[:, chosen]
+                uncertain = np.linalg.inv(seen.T @ seen)
+                acts = fold.conditional(offered.directions[:, chosen])
+                mean = mean - acts @ (uncertain @ (seen.T @ data))
+                covariance = covariance + acts @ uncertain @ acts.T
+            factor = cho_factor(covariance, lower=True)
+            logs = 2.0 * np.sum(np.log(np.diag(factor[0])))
+            densities.append(float(-0.5 * (mean @ cho_solve(factor, mean) + logs)))
+        found.append(densities)
+    return np.array(found)

@@ -157,12 +157,8 @@ class CurvatureDeparture:
 class StressDeparture:
     """Departure of measured stress in each mode of tension, the worst first.
 
-    Parameters
-    ----------
-    modes : tuple of (str, float)
-        Modes and the root mean square of measured less calibrated stress [MPa].
-    above : bool
-        Whether measured stress is higher on average in the worst of them.
+    Each mode with the root mean square of measured less calibrated stress [MPa]; `above` says
+    whether measured stress is higher on average in the worst of them.
     """
 
     modes: tuple[tuple[str, float], ...]
@@ -195,19 +191,8 @@ class ReadingsDeparture:
 def where(model: JointModel, residual: Floats, noise: float) -> CurvatureDeparture | None:
     """Return where the misfit is largest: pressures, degradation rates, specimens.
 
-    Parameters
-    ----------
-    model : JointModel
-        With actuator data.
-    residual : array, shape (n_specimens, n_points)
-        Measured less predicted [1/m].
-    noise : float
-        RMS of what no smooth discrepancy explains [1/m].
-
-    Returns
-    -------
-    CurvatureDeparture or None
-        Of the readings that can be predicted; None if none can.
+    From measured less predicted, (n_specimens, n_points) [1/m], and the root mean square of what no
+    smooth discrepancy explains [1/m]. None if no reading can be predicted.
     """
     data = model.data_of(Curvature).tests
     known = data.mask & np.isfinite(residual)
@@ -224,7 +209,7 @@ def where(model: JointModel, residual: Floats, noise: float) -> CurvatureDepartu
         [_mean(relative, cell & (member == m)[:, None]) for m in range(len(centres))]
     )
     same = centres[(by_level * means[k] > 0) & (np.abs(by_level) > 0.5 * abs(means[k]))]
-    specimens = np.array([_mean(relative, cell[[i]], row=i) for i in range(len(data.specimens))])
+    specimens = np.array([_mean(*row) for row in zip(relative, cell, strict=True)])
     low, high = data.pressure[cell].min(), data.pressure[cell].max()
     return CurvatureDeparture(
         excess=float(means[k]),
@@ -250,15 +235,7 @@ def where_films(linear: Linear) -> StressDeparture:
 
 
 def where_readings(linear: Linear, kind: str, unit: str) -> ReadingsDeparture:
-    """Return the departure of readings of one kind, and where on their path it is largest.
-
-    Parameters
-    ----------
-    linear : Linear
-        The model at its mode.
-    kind, unit : str
-        What was read, and in which unit.
-    """
+    """Return the departure of readings of one kind, and where on their path it is largest."""
     rows = linear.subject.places.kind == kind
     along = linear.subject.places.along[rows]
     residual = (linear.subject.observed - linear.prediction)[rows]
@@ -269,9 +246,8 @@ def where_readings(linear: Linear, kind: str, unit: str) -> ReadingsDeparture:
     return ReadingsDeparture(kind, unit, ends, max(off), above=bool(residual[cell].mean() >= 0.0))
 
 
-def _mean(values: Floats, mask: NDArray[np.bool_], row: int | None = None) -> float:
-    chosen = values[mask] if row is None else values[row][mask[0]]
-    return float(np.mean(chosen)) if chosen.size else 0.0
+def _mean(values: Floats, mask: NDArray[np.bool_]) -> float:
+    return float(np.mean(values[mask])) if mask.any() else 0.0
 
 
 INSEPARABLE = 1e-6
@@ -325,19 +301,9 @@ def regression(linear: Linear, direction: Floats, *beside: Floats) -> Floats | N
     with d the direction, L the Cholesky factor of the readings' covariance with the parameters
     integrated out, and P_B the projection on the directions fitted jointly.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    direction : array, shape (n,)
-        Change of the readings by one unit of the effect.
-    *beside : array, shape (n,)
-        Directions whose sizes are free, so that the statistic does not answer to them.
-
-    Returns
-    -------
-    array, shape (n, 1), or None
-        None where the direction is made of those beside it.
+    `direction` (n,) is the change of the readings by one unit of the effect; the sizes of those
+    `beside` it are free, so that the statistic does not answer to them. None if the direction is
+    made of these, else (n, 1).
     """
     columns = linear.whiten_columns(np.column_stack([direction, *beside]))
     own, others = columns[:, 0], columns[:, 1:]
@@ -356,46 +322,26 @@ def regression(linear: Linear, direction: Floats, *beside: Floats) -> Floats | N
 def functional(linear: Linear, weights: Floats, reference: Floats) -> Floats:
     """Return the projection that gives a weighted sum of the residuals, (n, 1).
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    weights : array, shape (n,)
-        Of the residuals.
-    reference : array, shape (n,)
-        Change of the readings whose weighted sum is 1: what the refit takes of it is given back.
+    `reference` (n,) is a change of the readings whose weighted sum is 1: what the refit takes of it
+    is given back.
     """
     projection = linear.whiten_columns((linear.scatter @ weights)[:, None])
     seen = float(linear.whiten_columns(reference[:, None])[:, 0] @ projection[:, 0])
     return np.asarray(projection / seen)
 
 
-def between_specimens(
-    linear: Linear, size: Floats, *, alike: Labels | None = None
-) -> Floats | None:
+def between_specimens(linear: Linear, size: Floats, *, alike: Labels) -> Floats | None:
     """Return directions in which specimens of the same level differ, (n, r), orthonormal.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    size : array, shape (n,)
-        Change of the readings by one unit; 0 where a reading is of another family.
-    alike : array of str, shape (n,), optional
-        What else must be the same for specimens to be compared: mount, mode of tension.
-
-    Returns
-    -------
-    array or None
-        r is the number of specimens less that of groups in which they are alike; None where it
-        is zero.
+    `size` (n,) is the change of the readings by one unit, 0 where a reading is of another family;
+    `alike` (n,) is what else must be the same for specimens to be compared: mount, mode of tension.
+    r is the number of specimens less that of groups in which they are alike; None if it is zero.
     """
     places, rows = linear.subject.places, size != 0.0
     names, first = np.unique(places.specimen[rows], return_index=True)
     if len(names) < 2:
         return None
     member = levels(places.level[rows][first])[1]
-    alike = places.family if alike is None else alike
     label = alike[rows][first]
     same = ((member[:, None] == member) & (label[:, None] == label)).astype(np.float64)
     same /= np.sum(same, axis=1, keepdims=True)
@@ -413,20 +359,8 @@ def misfit_frame(linear: Linear, misfit: Misfit, model: str) -> pd.DataFrame:
     The residual is from a joint fit of discrepancy and parameters, so that points scatter about the
     curve only by errors and specimens.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    misfit : Misfit
-        What was measured with it.
-    model : str
-        Its name, such as ``base``.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``model``, ``kind``, ``history``, ``specimen_id``, ``degradation_pct``, ``along``
-        (pressure [kPa] or stretch), ``discrepancy`` and ``residual`` in the readings' units.
+    Columns ``model``, ``kind``, ``history``, ``specimen_id``, ``degradation_pct``, ``along``
+    (pressure [kPa] or stretch), ``discrepancy`` and ``residual`` in the readings' units.
     """
     places = linear.subject.places
     smooth = misfit.discrepancy
@@ -452,6 +386,7 @@ RARE = 0.02  # p-value up to which a group has more of the misfit than by chance
 MOST = 0.5  # share of the misfit statistic above which a group dominates
 MORE = 1.25  # factor by which it must exceed its share of the readings
 FEW, FEW_OF_ALL = 3, 0.25  # most specimens that count as a few
+FAINT = 1e-6  # relative to the largest: a direction spanned by the others
 
 
 @dataclass(frozen=True)
@@ -464,14 +399,8 @@ class _Group:
 def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concentration | None:
     """Return the branch, cycle, hold or few specimens with most of a misfit, if any.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n)
-        Data sets simulated from it; without any nothing is told.
-    statistic : float
-        Its misfit statistic [nats].
+    Compared with data sets (k, n) simulated from the model; without any nothing is told.
+    `statistic` is its misfit statistic [nats].
     """
     groups = list(_groups(linear.subject.places))
     if not groups or not len(simulated):
@@ -481,7 +410,12 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
     chance = gains[:, 1:].max(axis=0)
     p_values = chance_of(gains[:, 0], chance)
     best = int(np.argmax(gains[:, 0]))
-    chosen = _chosen(groups, gains[:, 0], p_values, best)
+    chosen: tuple[_Group, ...] = (groups[best],) if groups[best].kind else ()
+    if groups[best].kind == SPECIMEN:  # with others as conspicuous, unless there are many
+        specimens = [i for i, group in enumerate(groups) if group.kind == SPECIMEN]
+        out = sorted((i for i in specimens if p_values[i] <= RARE), key=lambda i: -gains[i, 0])
+        few = min(FEW, int(FEW_OF_ALL * len(specimens)))
+        chosen = tuple(groups[i] for i in out) if len(out) <= few else ()
     if not chosen or p_values[best] > RARE:
         return None
     gain = float(_gain(linear, chosen, data[:1])[0])
@@ -490,26 +424,25 @@ def concentration(linear: Linear, simulated: Floats, statistic: float) -> Concen
     readings = float(np.sum(np.any([group.rows for group in chosen], axis=0)) / np.sum(family))
     if share < max(MOST, MORE * readings):
         return None
-    excess = tuple(_excess(linear, group, family) for group in chosen)
-    names = tuple(group.name for group in chosen)
+    size = np.where(family, linear.prediction, 0.0)
+    projections = [regression(linear, 0.01 * size * group.rows, size) for group in chosen]
     return Concentration(
         kind=chosen[0].kind,
-        members=names,
-        excess_pct=excess,
+        members=tuple(group.name for group in chosen),
+        excess_pct=tuple(
+            0.0 if one is None else float(linear.observed @ one[:, 0]) for one in projections
+        ),
         share_of_misfit=share,
         share_of_readings=readings,
         p_value=float(p_values[best]),
     )
 
 
-def _chosen(groups: list[_Group], gains: Floats, p_values: Floats, best: int) -> tuple[_Group, ...]:
-    """Return the best group, with other equally conspicuous specimens; None if there are many."""
-    if groups[best].kind != SPECIMEN:
-        return (groups[best],) if groups[best].kind else ()
-    all_of_them = [i for i, group in enumerate(groups) if group.kind == SPECIMEN]
-    out = sorted((i for i in all_of_them if p_values[i] <= RARE), key=lambda i: -gains[i])
-    few = min(FEW, int(FEW_OF_ALL * len(all_of_them)))
-    return tuple(groups[i] for i in out) if len(out) <= few else ()
+def histories_of(places: Places, rows: Flags) -> NDArray[np.str_]:
+    """Return branch, cycle and mount of actuators' readings, (n, 3); empty for other readings."""
+    split = np.full((len(rows), 3), "", dtype=np.array(places.history).dtype)
+    split[rows] = [history.split() for history in places.history[rows]]
+    return split
 
 
 def _groups(places: Places) -> Iterator[_Group]:
@@ -523,9 +456,7 @@ def _groups(places: Places) -> Iterator[_Group]:
     for name in specimens if len(specimens) >= 1 / FEW_OF_ALL else ():
         yield _Group(SPECIMEN, str(name), family & (places.specimen == name))
     if of_actuators:
-        split = np.full((len(family), 3), "", dtype=np.array(places.history).dtype)
-        split[family] = [history.split() for history in places.history[family]]
-        branch, cycle, mount = split.T
+        branch, cycle, mount = histories_of(places, family).T
         found = [_Group(BRANCH, "unloading", branch == "unloading")]
         later = [str(c) for c in np.unique(cycle[family]) if c != "1"]
         found += [_Group(CYCLE, f"cycle {name}", cycle == name) for name in later]
@@ -548,14 +479,13 @@ def _gain(linear: Linear, groups: tuple[_Group, ...], data: Floats) -> Floats:
         size = np.where(group.rows, linear.prediction, 0.0)
         middle = float(np.mean(places.along[group.rows]))
         columns += [size, size * (places.along - middle) / max(float(np.ptp(places.along)), 1e-12)]
-    whitened = linear.whiten_columns(np.column_stack(columns))
+    return gain_of(linear, np.column_stack(columns), data)
+
+
+def gain_of(linear: Linear, directions: Floats, data: Floats) -> Floats:
+    """Return the gain in log-likelihood of whitened data sets (k, n) by directions (n, r), (k,)."""
+    whitened = linear.whiten_columns(directions)
     vectors, values, _ = np.linalg.svd(whitened, full_matrices=False)
-    basis = vectors[:, values > 1e-6 * values[0]]
+    basis = vectors[:, values > FAINT * values[0]]
     gain: Floats = 0.5 * np.sum((data @ basis) ** 2, axis=1)
     return gain
-
-
-def _excess(linear: Linear, group: _Group, family: Flags) -> float:
-    size = np.where(family, linear.prediction, 0.0)
-    projection = regression(linear, 0.01 * size * group.rows, size)
-    return 0.0 if projection is None else float(linear.observed @ projection[:, 0])

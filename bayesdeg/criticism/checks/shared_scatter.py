@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.checks.discrepancy import FEWEST
+from bayesdeg.criticism.checks.discrepancy import FEWEST, log_ratios
 from bayesdeg.criticism.fit.linear import columns_of, is_seen
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
@@ -70,26 +70,18 @@ def shared_scatter(trial: CandidateFit, simulated: Floats) -> list[SharedScatter
 
     over correlations :math:`\rho`, the sum over specimens of the same level.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        A fitted model with its causes.
-    simulated : array, shape (n, n_readings)
-        Data sets simulated from it, in which every specimen has its own deviation.
-
-    Returns
-    -------
-    list of SharedScatter
-        One for each cause that widens the scatter; none where specimens have no deviations.
+    In the data sets (n, n_readings), simulated from the model, every specimen has its own
+    deviation. One result for each cause that widens the scatter; none where specimens have no
+    deviations.
 
     References
     ----------
     Atenafu et al. (2012), doi:10.1186/1471-2288-12-126, on correlations within classes.
     """
     found = []
-    for cause in trial.subject.causes:
-        own = trial.subject.deviations(trial.mode)
-        subject, linear = trial.subject, trial.linear
+    subject, linear = trial.subject, trial.linear
+    for cause in subject.causes:
+        own = subject.deviations(trial.mode)
         unseen = ~is_seen(linear.whiten_columns(linear.jacobian))
         neutral = trial.mode.copy()
         for column, parameter in zip(columns_of(subject, cause), cause.parameters, strict=True):
@@ -97,29 +89,17 @@ def shared_scatter(trial: CandidateFit, simulated: Floats) -> list[SharedScatter
                 neutral[column] = float(parameter.law.to_unconstrained(parameter.neutral or 0.0))
         without = subject.deviations(neutral).spread
         added = linear.whiten_columns(own.slope * np.sqrt(np.maximum(own.spread - without, 0.0)))
-        if np.any(is_seen(added)):
-            level = levels(own.level)[1]
-            found.append(_tested(trial, cause.name, added, level, simulated))
+        if not np.any(is_seen(added)):
+            continue
+        level = levels(own.level)[1]
+        other = (level[:, None] == level) & ~np.eye(len(level), dtype=bool)
+        basis, triangle = np.linalg.qr(added)
+        values, turned = np.linalg.eigh(triangle @ other @ triangle.T)
+        vectors, signal = basis @ turned, SHARES[:, None] * values
+        ratios = log_ratios(signal, linear.observed[None] @ vectors)[:, 0]
+        chance = log_ratios(signal, linear.whiten(simulated) @ vectors).max(axis=0)
+        best = int(np.argmax(ratios))
+        p_value = float(chance_of(ratios[best], chance, fewest=FEWEST))
+        statistic, share = float(ratios[best]), float(SHARES[best])
+        found.append(SharedScatter(cause.name, statistic, share, p_value, len(simulated)))
     return found
-
-
-def _tested(
-    trial: CandidateFit, name: str, added: Floats, level: NDArray[np.int64], simulated: Floats
-) -> SharedScatter:
-    other = (level[:, None] == level) & ~np.eye(len(level), dtype=bool)
-    basis, triangle = np.linalg.qr(added)
-    values, turned = np.linalg.eigh(triangle @ other @ triangle.T)
-    vectors = basis @ turned
-    ratios = _ratios(trial.linear.observed[None], values, vectors)[:, 0]
-    best = int(np.argmax(ratios))
-    chance = _ratios(trial.linear.whiten(simulated), values, vectors).max(axis=0)
-    p_value = float(chance_of(ratios[best], chance, fewest=FEWEST))
-    return SharedScatter(name, float(ratios[best]), float(SHARES[best]), p_value, len(simulated))
-
-
-def _ratios(whitened: Floats, values: Floats, vectors: Floats) -> Floats:
-    """Return log-likelihood ratios for every correlation, (n_correlations, n_data)."""
-    signal = SHARES[:, None] * values
-    squares = (whitened @ vectors) ** 2
-    gain: Floats = 0.5 * (signal / (1.0 + signal)) @ squares.T
-    return gain - 0.5 * np.sum(np.log1p(signal), axis=1)[:, None]

@@ -25,10 +25,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
+from bayesdeg.criticism.checks.discrepancy import answered
 from bayesdeg.criticism.checks.residuals import (
     ResidualStatistic,
     between_specimens,
     functional,
+    histories_of,
     regression,
 )
 from bayesdeg.criticism.fit.linear import Linear
@@ -80,7 +82,16 @@ class Bench:
         keys = np.stack([places.specimen, places.kind, places.history])
         for key in np.unique(keys[:, rows], axis=1).T:
             own = np.flatnonzero(np.all(keys == key[:, None], axis=0))
-            shift[own], bend[own] = _shift_and_bend(places.along[own], size[own], largest)
+            grid, place = np.unique(np.append(0.0, places.along[own]), return_inverse=True)
+            counts = np.bincount(place)
+            curve = np.bincount(place, weights=np.append(0.0, size[own])) / counts
+            slope = np.gradient(curve, grid, edge_order=2 if len(grid) > 2 else 1)
+            # ∫ κ' g dp with g = 3/2 (p/p_max − ½), the relative excess of slope: its middles in the
+            # highest and the lowest third differ by 1
+            excess = 1.5 * (grid / largest - 0.5)
+            steps = 0.5 * (excess[1:] + excess[:-1]) * np.diff(curve)
+            shift[own] = -slope[place[1:]]
+            bend[own] = np.append(0.0, np.cumsum(steps))[place[1:]]
         return cls(linear, rows, size, shift, bend)
 
     @property
@@ -91,9 +102,7 @@ class Bench:
     @cached_property
     def histories(self) -> NDArray[np.str_]:
         """Branch, cycle and mount of each reading, (n, 3); empty for other readings."""
-        split = np.full((len(self.rows), 3), "", dtype=np.array(self.places.history).dtype)
-        split[self.rows] = [history.split() for history in self.places.history[self.rows]]
-        return split
+        return histories_of(self.places, self.rows)
 
     def excess(self, share: Floats | Flags) -> Floats:
         """Return the direction in which readings exceed the prediction by these shares [%]."""
@@ -105,71 +114,86 @@ def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
     if not np.any(linear.subject.places.family == ACTUATOR):
         return ()
     bench = Bench.of(linear)
-    return (
-        _offset(bench),
-        _slopes(bench),
-        _hysteresis(bench),
-        _time(bench),
-        *([_degradation(bench)] if linear.subject.world.degrades else []),
-        _scatter(bench),
-        _angle(bench),
-        _cycles(bench),
-        *_mounts(bench),
-    )
-
-
-def _offset(bench: Bench) -> ResidualStatistic:
-    return ResidualStatistic(
+    degraded = np.where(bench.rows, bench.places.level, 0.0) / 10.0
+    one_rate, misread, at_one_rate = _of_one_rate(linear)
+    angle = bench.places.kind == ANGLE
+    later = (bench.histories[:, 1] != "1") & bench.rows
+    offset = ResidualStatistic(
         "offset at low pressure",
         "kPa",
         "curves start late: as with a pressure offset or the threshold of a valve",
         "curves start early: as with slack paper, or a sensor that reads too little pressure",
-        regression(bench.linear, bench.shift, bench.size, bench.bend),
+        regression(linear, bench.shift, bench.size, bench.bend),
         "the pressures are too few to tell it from a ratio",
     )
-
-
-def _slopes(bench: Bench) -> ResidualStatistic:
-    return ResidualStatistic(
+    slopes = ResidualStatistic(
         "ratio of slopes at high and low pressure, over the simulated",
         "–",
         "curves steepen more with pressure than simulated: as with creep in a slow test, or with "
         "walls softer at large stretch",
         "curves flatten with pressure: as with drying while testing, with a trace along an outer "
         "fibre, or with walls stiffer at large stretch",
-        regression(bench.linear, bench.bend, bench.size, bench.shift),
+        regression(linear, bench.bend, bench.size, bench.shift),
         "the pressures are too few to tell it from a ratio",
         neutral=1.0,
+    )
+    degradation = ResidualStatistic(
+        "trend of the residual with degradation",
+        "% per 10 points",
+        "degraded actuators bend more than simulated: as with eroded walls, or with degradation "
+        "rates read too high",
+        "degraded actuators bend less than simulated: as with a stiff degraded skin, or with "
+        "degradation rates read too low",
+        regression(linear, bench.excess(degraded), bench.size),
+        "needs actuators at several degradation rates",
+    )
+    scatter = ResidualStatistic(
+        "variance between specimens, over the model's",
+        "–",
+        f"specimens{one_rate} differ more than the model allows: as with uneven walls{misread}",
+        f"specimens{one_rate} differ less than the model allows: its scatter of stiffness is too "
+        "large for them",
+        between_specimens(linear, bench.size, alike=bench.histories[:, 2]),
+        f"needs several actuators{at_one_rate}",
+        neutral=1.0,
+        squares=True,
+    )
+    against_angle = ResidualStatistic(
+        "curvature beyond what the bend angle says",
+        "%",
+        "the arc is shorter than simulated: as with a part that shrank more",
+        "the arc is longer than simulated: as with a trace along an outer fibre, or with a part "
+        "that shrank less",
+        regression(linear, bench.excess(np.where(angle, -0.5, 0.5)), bench.size)
+        if angle.any()
+        else None,
+        "needs the column bend_angle_deg of actuator.csv",
+    )
+    cycles = ResidualStatistic(
+        "later cycles against the first",
+        "%",
+        "later cycles bend further than simulated: as with softening by the first loading",
+        "later cycles bend less than simulated: as with drying or a leak while testing",
+        regression(linear, bench.excess(later), bench.size) if later.any() else None,
+        "needs readings of the first and of later cycles: column cycle of actuator.csv",
+    )
+    return (
+        offset,
+        slopes,
+        _hysteresis(bench),
+        _time(bench),
+        *([degradation] if linear.subject.world.degrades else []),
+        scatter,
+        against_angle,
+        cycles,
+        *_mounts(bench),
     )
 
 
 def _hysteresis(bench: Bench) -> ResidualStatistic:
-    weights = _area(bench)
-    unloading = bench.histories[:, 0] == "unloading"
-    found = ResidualStatistic(
-        "hysteresis area between branches",
-        "kPa/m",
-        "unloading lies above loading more than simulated: as with creep or damage",
-        "unloading lies below loading: as with drying or a leak while testing",
-        None,
-        "needs readings of unloading: column branch of actuator.csv",
-    )
-    largest = float(bench.places.along[bench.rows].max())
-    share = bench.places.along / largest
-    lens = np.where(unloading & (bench.places.kind == CURVATURE), share * (1.0 - share), 0.0)
-    area = float(weights @ lens)
-    if area <= 0.0:
-        return found
-    return replace(found, projections=functional(bench.linear, weights, lens / area))
-
-
-def _area(bench: Bench) -> Floats:
-    """Return weights that sum residuals to the area of a loop, in the mean over loops, (n,).
-
-    The loop closes from the last reading of unloading to the first of loading; its area is
-    −∮ κ dp by the trapezoidal rule.
-    """
-    places = bench.places
+    # weights that sum residuals to the area of a loop, in the mean over loops: each closes from the
+    # last reading of unloading to the first of loading; its area is −∮ κ dp (trapezoidal rule)
+    places, unloading = bench.places, bench.histories[:, 0] == "unloading"
     weights, loops = np.zeros(len(bench.rows)), 0
     keys = np.stack([places.specimen, bench.histories[:, 1], places.kind])
     for key in np.unique(keys[:, bench.rows], axis=1).T:
@@ -179,7 +203,18 @@ def _area(bench: Bench) -> Floats:
             pressure = places.along[own]
             weights[own] = -0.5 * (np.roll(pressure, -1) - np.roll(pressure, 1))
             loops += 1
-    return weights / max(loops, 1)
+    weights /= max(loops, 1)
+    share = places.along / float(places.along[bench.rows].max())
+    lens = np.where(unloading & (places.kind == CURVATURE), share * (1.0 - share), 0.0)
+    area = float(weights @ lens)
+    return ResidualStatistic(
+        "hysteresis area between branches",
+        "kPa/m",
+        "unloading lies above loading more than simulated: as with creep or damage",
+        "unloading lies below loading: as with drying or a leak while testing",
+        functional(bench.linear, weights, lens / area) if area > 0.0 else None,
+        "needs readings of unloading: column branch of actuator.csv",
+    )
 
 
 def _time(bench: Bench) -> ResidualStatistic:
@@ -208,70 +243,12 @@ def _time(bench: Bench) -> ResidualStatistic:
     return replace(found, projections=projection)
 
 
-def _degradation(bench: Bench) -> ResidualStatistic:
-    share = np.where(bench.rows, bench.places.level, 0.0) / 10.0
-    return ResidualStatistic(
-        "trend of the residual with degradation",
-        "% per 10 points",
-        "degraded actuators bend more than simulated: as with eroded walls, or with degradation "
-        "rates read too high",
-        "degraded actuators bend less than simulated: as with a stiff degraded skin, or with "
-        "degradation rates read too low",
-        regression(bench.linear, bench.excess(share), bench.size),
-        "needs actuators at several degradation rates",
-    )
-
-
-def _scatter(bench: Bench) -> ResidualStatistic:
-    one_rate, misread, at_one_rate = _of_one_rate(bench.linear)
-    return ResidualStatistic(
-        "variance between specimens, over the model's",
-        "–",
-        f"specimens{one_rate} differ more than the model allows: as with uneven walls{misread}",
-        f"specimens{one_rate} differ less than the model allows: its scatter of stiffness is too "
-        "large for them",
-        between_specimens(bench.linear, bench.size, alike=bench.histories[:, 2]),
-        f"needs several actuators{at_one_rate}",
-        neutral=1.0,
-        squares=True,
-    )
-
-
 def _of_one_rate(linear: Linear) -> tuple[str, str, str]:
     """Return the words for specimens of one rate: empty if nothing degrades."""
     if not linear.subject.world.degrades:
         return "", "", ""
     rate = "one degradation rate"
     return f" of {rate}", " or misread degradation rates", f" at {rate}"
-
-
-def _angle(bench: Bench) -> ResidualStatistic:
-    angle = bench.places.kind == ANGLE
-    found = ResidualStatistic(
-        "curvature beyond what the bend angle says",
-        "%",
-        "the arc is shorter than simulated: as with a part that shrank more",
-        "the arc is longer than simulated: as with a trace along an outer fibre, or with a part "
-        "that shrank less",
-        None,
-        "needs the column bend_angle_deg of actuator.csv",
-    )
-    if not angle.any():
-        return found
-    share = np.where(angle, -0.5, 0.5)
-    return replace(found, projections=regression(bench.linear, bench.excess(share), bench.size))
-
-
-def _cycles(bench: Bench) -> ResidualStatistic:
-    later = (bench.histories[:, 1] != "1") & bench.rows
-    return ResidualStatistic(
-        "later cycles against the first",
-        "%",
-        "later cycles bend further than simulated: as with softening by the first loading",
-        "later cycles bend less than simulated: as with drying or a leak while testing",
-        regression(bench.linear, bench.excess(later), bench.size) if later.any() else None,
-        "needs readings of the first and of later cycles: column cycle of actuator.csv",
-    )
 
 
 def _mounts(bench: Bench) -> list[ResidualStatistic]:
@@ -299,21 +276,6 @@ def _mounts(bench: Bench) -> list[ResidualStatistic]:
     ]
 
 
-def _shift_and_bend(pressure: Floats, size: Floats, largest: float) -> tuple[Floats, Floats]:
-    """Return −dκ/dp and ∫ κ' g dp at readings of one curve, with g the relative excess of slope.
-
-    g = 3/2 (p/p_max − ½): its middles in the highest and the lowest third differ by 1.
-    """
-    grid, place = np.unique(np.append(0.0, pressure), return_inverse=True)
-    counts = np.bincount(place)
-    curve = np.bincount(place, weights=np.append(0.0, size)) / counts
-    slope = np.gradient(curve, grid, edge_order=2 if len(grid) > 2 else 1)
-    excess = 1.5 * (grid / largest - 0.5)
-    steps = 0.5 * (excess[1:] + excess[:-1]) * np.diff(curve)
-    bend = np.append(0.0, np.cumsum(steps))
-    return -slope[place[1:]], bend[place[1:]]
-
-
 def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
     """Return the statistics of films in tension; empty without films."""
     places = linear.subject.places
@@ -322,6 +284,8 @@ def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
         return ()
     size = np.where(rows, linear.prediction, 0.0)
     stretch = np.where(rows, places.along - 1.0, 0.0)
+    one_rate, misread, at_one_rate = _of_one_rate(linear)
+    also = misread.replace(" misread", "")
     trend = ResidualStatistic(
         "trend of the films' residual with stretch",
         "% per unit of stretch",
@@ -332,7 +296,18 @@ def film_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
         regression(linear, PERCENT * size * stretch, size),
         "needs films at several stretches",
     )
-    return (*_modes(linear, size), trend, _scatter_of_films(linear, size))
+    scatter = ResidualStatistic(
+        "variance between films, over the model's",
+        "–",
+        f"films{one_rate} differ more than the model allows: as with misread thickness{also}",
+        f"films{one_rate} differ less than the model allows: its scatter of stiffness is too large "
+        "for them",
+        between_specimens(linear, size, alike=places.history),
+        f"needs several films{at_one_rate}",
+        neutral=1.0,
+        squares=True,
+    )
+    return (*_modes(linear, size), trend, scatter)
 
 
 def other_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
@@ -348,14 +323,29 @@ def other_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
             ("the level", places.level),
             ("time", places.time),
         ):
-            found.append(_trend(linear, size, values, family=family, along=along))
+            rows = (size != 0.0) & np.isfinite(values)
+            extent = float(np.ptp(values[rows])) if rows.any() else 0.0
+            projection = None
+            if extent > 0.0:
+                share = np.where(rows, values - np.min(values[rows]), 0.0) / extent
+                projection = regression(linear, PERCENT * size * share, size, size * rows)
+            found.append(
+                ResidualStatistic(
+                    f"trend of the residual with {along} ({family})",
+                    "% over all",
+                    f"readings exceed the prediction more and more with {along}",
+                    f"readings fall short of the prediction more and more with {along}",
+                    projection,
+                    f"needs readings at several values of {along}",
+                )
+            )
         found.append(
             ResidualStatistic(
                 f"variance between specimens, over the model's ({family})",
                 "–",
                 "specimens of one level differ more than the model allows",
                 "specimens of one level differ less than the model allows",
-                between_specimens(linear, size),
+                between_specimens(linear, size, alike=places.family),
                 "needs several specimens at one level",
                 neutral=1.0,
                 squares=True,
@@ -393,42 +383,6 @@ def _modes(linear: Linear, size: Floats) -> list[ResidualStatistic]:
         )
         for mode in rest
     ]
-
-
-def _scatter_of_films(linear: Linear, size: Floats) -> ResidualStatistic:
-    one_rate, misread, at_one_rate = _of_one_rate(linear)
-    also = misread.replace(" misread", "")
-    return ResidualStatistic(
-        "variance between films, over the model's",
-        "–",
-        f"films{one_rate} differ more than the model allows: as with misread thickness{also}",
-        f"films{one_rate} differ less than the model allows: its scatter of stiffness is too large "
-        "for them",
-        between_specimens(linear, size, alike=linear.subject.places.history),
-        f"needs several films{at_one_rate}",
-        neutral=1.0,
-        squares=True,
-    )
-
-
-def _trend(
-    linear: Linear, size: Floats, values: Floats, *, family: str, along: str
-) -> ResidualStatistic:
-    """Return how much the relative residual changes over the range of a quantity."""
-    rows = (size != 0.0) & np.isfinite(values)
-    extent = float(np.ptp(values[rows])) if rows.any() else 0.0
-    projection = None
-    if extent > 0.0:
-        share = np.where(rows, values - np.min(values[rows]), 0.0) / extent
-        projection = regression(linear, PERCENT * size * share, size, size * rows)
-    return ResidualStatistic(
-        f"trend of the residual with {along} ({family})",
-        "% over all",
-        f"readings exceed the prediction more and more with {along}",
-        f"readings fall short of the prediction more and more with {along}",
-        projection,
-        f"needs readings at several values of {along}",
-    )
 
 
 FEWEST = 19
@@ -480,28 +434,19 @@ class Physical:
         return self.reading if self.p_adjusted <= SIGNIFICANT else UNREMARKABLE
 
 
-def statistics_table(
-    linear: Linear, simulated: Floats, drawn: int | None = None
-) -> tuple[Physical, ...]:
+def statistics_table(linear: Linear, simulated: Floats, drawn: int = 0) -> tuple[Physical, ...]:
     """Compute every statistic and calibrate it, in the order of the catalogue.
 
     With fewer than 19 finite data sets no p-value could reach 0.05. All statistics are then
     unavailable, with the reason.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model linearised at its mode.
-    simulated : array, shape (k, n)
-        Readings of data sets simulated from the fitted model; nan where it had no answer.
-    drawn : int, optional
-        How many were simulated, where those without an answer were left out already.
+    Readings (k, n) simulated from the fitted model are nan where it had no answer; `drawn` is how
+    many were simulated, where those were left out already.
     """
-    known = simulated[np.all(np.isfinite(simulated), axis=1)]
+    known = answered(simulated)
     every = statistics_of(linear)
     if len(known) < FEWEST:
-        of = len(simulated) if drawn is None else drawn
-        why = f"{len(known)} of {of} simulated data sets are too few"
+        why = f"{len(known)} of {drawn or len(simulated)} simulated data sets are too few"
         return tuple(_missing(s, s.why if s.projections is None else why) for s in every)
     there = [s for s in every if s.projections is not None]
     null = linear.whiten(known)
@@ -520,10 +465,27 @@ def statistics_table(
     p_value = chance_of(far[:, 0], far[:, 1:])
     adjusted = adjusted_p_values(far[:, 0], far[:, 1:])
     calibrated = iter(zip(value, replicated, p_value, adjusted, strict=True))
-    return tuple(
-        _missing(s, s.why) if s.projections is None else _physical(s, *next(calibrated))
-        for s in every
-    )
+    table = []
+    for one in every:
+        if one.projections is None:
+            table.append(_missing(one, one.why))
+            continue
+        own, drawn_values, p_own, p_adjusted = next(calibrated)
+        q05, q50, q95 = (float(q) for q in np.quantile(drawn_values, [0.05, 0.5, 0.95]))
+        table.append(
+            Physical(
+                one.name,
+                one.unit,
+                float(own),
+                q05,
+                q95,
+                float(p_own),
+                float(p_adjusted),
+                one.more if own >= q50 else one.less,
+                replicates=len(drawn_values),
+            )
+        )
+    return tuple(table)
 
 
 def statistics_of(linear: Linear) -> tuple[ResidualStatistic, ...]:
@@ -563,12 +525,8 @@ def frame(table: tuple[Physical, ...]) -> pd.DataFrame:
 def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
     """Return p-values adjusted for all statistics, by stepping down, (m,).
 
-    Parameters
-    ----------
-    observed : array, shape (m,)
-        Distances from what is expected, in the same measure for every statistic.
-    simulated : array, shape (m, k)
-        The same of simulated data.
+    From distances from what is expected, in the same measure for every statistic, (m,), and those
+    of simulated data, (m, k).
 
     Examples
     --------
@@ -585,23 +543,6 @@ def adjusted_p_values(observed: Floats, simulated: Floats) -> Floats:
     adjusted = np.empty(len(order))
     adjusted[order] = stepped
     return adjusted
-
-
-def _physical(
-    statistic: ResidualStatistic, value: float, drawn: Floats, p_value: float, p_adjusted: float
-) -> Physical:
-    low, middle, high = (float(q) for q in np.quantile(drawn, [0.05, 0.5, 0.95]))
-    return Physical(
-        statistic.name,
-        statistic.unit,
-        float(value),
-        low,
-        high,
-        float(p_value),
-        float(p_adjusted),
-        statistic.more if value >= middle else statistic.less,
-        replicates=len(drawn),
-    )
 
 
 def _missing(statistic: ResidualStatistic, why: str) -> Physical:

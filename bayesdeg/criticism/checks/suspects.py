@@ -27,7 +27,7 @@ for the search outwards from a sound part of the data.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,14 +103,20 @@ class Anomaly(StrEnum):
     DAY = "day"
 
 
-OF_SPECIMENS = (
-    Anomaly.RESPONSE,
-    Anomaly.OFFSET,
-    Anomaly.CURVATURE,
-    Anomaly.ANGLE,
-    Anomaly.BATCH,
-    Anomaly.DAY,
-)
+GROUPS = 2
+_PART = {
+    Anomaly.RESPONSE: 0,
+    Anomaly.OFFSET: 1,
+    Anomaly.CURVATURE: 1,
+    Anomaly.ANGLE: 1,
+    Anomaly.BATCH: GROUPS,
+    Anomaly.DAY: GROUPS,
+    Anomaly.EDGE: 4,
+    Anomaly.JUMP: 3,
+    Anomaly.CUT_OFF: 3,
+    Anomaly.READING: 3,
+}
+"""Place of each in `SHARES` and `LOOSE`; up to groups they concern whole specimens."""
 
 
 @dataclass(frozen=True)
@@ -144,23 +150,16 @@ class Irregularity:
     @property
     def is_of_specimen(self) -> bool:
         """Whether it concerns whole specimens, whose number limits how well scatter is known."""
-        return self.oddity in OF_SPECIMENS
+        return _PART[self.oddity] <= GROUPS
 
 
 @dataclass(frozen=True)
 class Suspect:
     """Outlying readings.
 
-    Parameters
-    ----------
-    hypothesis : Irregularity
-        The way of being wrong that they are most like.
-    size : float
-        Its size; see `Irregularity`.
-    score : float
-        In standard deviations of what the others predict.
-    p_value : float
-        Probability of a score as large by chance, times the number of hypotheses.
+    With the hypothesis that they are most like and its size; the score is in standard deviations of
+    what the others predict, the p-value the probability of one as large by chance, times the number
+    of hypotheses.
     """
 
     hypothesis: Irregularity
@@ -181,46 +180,35 @@ def hypotheses(
 ) -> tuple[Irregularity, ...]:
     """Return the hypotheses of wrong readings of a model.
 
-    Parameters
-    ----------
-    subject : JointModel
-        With its readings.
-    vector : array, shape (n_parameters,)
-        Where it is calibrated.
-    batches : iterable of tuple of str
-        Specimens that have something in common beside their degradation rate.
+    Batches are specimens that have something in common beside their degradation rate.
     """
-    family, batches = subject.places.family, tuple(batches)
+    places, batches = subject.places, tuple(batches)
     prediction = subject.expected(vector[None])[0]
     response = subject.deviations(vector).slope.sum(axis=1)
     found: list[Irregularity] = []
-    for name in dict.fromkeys(family.tolist()):
-        found += _of_family(subject, family == name, batches, response, prediction)
+    for family in dict.fromkeys(places.family.tolist()):
+        rows = places.family == family
+        names = list(dict.fromkeys(places.specimen[rows].tolist()))
+        for name in names:
+            own = rows & (places.specimen == name)
+            found.append(
+                Irregularity(Anomaly.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
+            )
+            if ACTUATOR in places.family[own]:
+                found += _of_actuator(places, own, name, response, prediction)
+            found += _pictures(places, own, name, prediction)
+        found += _of_edge(subject, rows, prediction)
+        rates = _levels(places, rows)
+        found += _of_groups(places, rows, [*rates, *batches], Anomaly.BATCH, response)
+        # Wrong lengths of a batch or a round, if bend angles were read too. Replicates with the
+        # same number in the order of tests form a round, often of one day.
+        if np.any(rows & (places.kind == ANGLE)):
+            ordered = [sorted(one, key=names.index) for one in rates]
+            longest = max(map(len, ordered), default=0)
+            rounds = [tuple(one[k] for one in ordered if k < len(one)) for k in range(longest)]
+            curved = rows & (places.kind == CURVATURE)
+            found += _of_groups(places, curved, [*batches, *rounds], Anomaly.DAY, prediction)
     return tuple(one for one in found if np.any(one.direction != 0.0))
-
-
-def _of_family(
-    subject: JointModel,
-    rows: Flags,
-    batches: tuple[tuple[str, ...], ...],
-    response: Floats,
-    prediction: Floats,
-) -> Iterator[Irregularity]:
-    places = subject.places
-    for name in dict.fromkeys(places.specimen[rows].tolist()):
-        own = rows & (places.specimen == name)
-        yield Irregularity(Anomaly.RESPONSE, (name,), "", own, np.where(own, response, 0.0))
-        if ACTUATOR in places.family[own]:
-            yield from _of_actuator(places, own, name, response, prediction)
-        yield from _pictures(places, own, name, prediction)
-    yield from _of_edge(subject, rows, prediction)
-    yield from _of_batches(places, rows, [*_levels(places, rows), *batches], response)
-    # Replicates with the same number in the order of tests form a round, often of one day.
-    order = {name: k for k, name in enumerate(dict.fromkeys(places.specimen[rows].tolist()))}
-    rates = [sorted(one, key=lambda name: order[name]) for one in _levels(places, rows)]
-    longest = max(map(len, rates), default=0)
-    rounds = (tuple(one[k] for one in rates if k < len(one)) for k in range(longest))
-    yield from _of_days(places, rows, (*batches, *rounds), prediction)
 
 
 def _of_actuator(
@@ -255,7 +243,10 @@ def _jumps(places: Places, own: Flags, name: str, prediction: Floats) -> Iterato
     for kind in (CURVATURE, ANGLE):
         read = own & (places.kind == kind)
         unit[read] = np.abs(prediction[read]).max(initial=0.0)
-    step = _steps(places, own)
+    step = np.full(len(places), -1)  # index of each reading along the path, by kind
+    for kind in dict.fromkeys(places.kind[own].tolist()):
+        rows = own & (places.kind == kind)
+        step[rows] = np.arange(rows.sum())
     for place in range(2, len(order) - 1):
         after = own & (step >= step[order[place]])
         at = float(places.along[order[place]])
@@ -277,18 +268,14 @@ def _of_edge(subject: JointModel, rows: Flags, prediction: Floats) -> Iterator[I
             yield Irregularity(Anomaly.EDGE, names, CURVATURE, beyond, lost, float(edge))
 
 
-def _steps(places: Places, own: Flags) -> NDArray[np.int64]:
-    """Return the index of each reading along its specimen's path, by kind; −1 for others."""
-    step = np.full(len(places), -1)
-    for kind in dict.fromkeys(places.kind[own].tolist()):
-        rows = own & (places.kind == kind)
-        step[rows] = np.arange(rows.sum())
-    return step
-
-
 def _pictures(places: Places, own: Flags, name: str, prediction: Floats) -> Iterator[Irregularity]:
     """Yield single readings, and all readings from one picture."""
-    for at, taken in _taken_together(places, own):
+    pictures: dict[tuple[float, str, float | None], list[int]] = {}
+    for i in np.flatnonzero(own):
+        time = float(places.time[i])
+        key = (float(places.along[i]), str(places.history[i]), None if np.isnan(time) else time)
+        pictures.setdefault(key, []).append(int(i))
+    for (at, *_), taken in pictures.items():
         rows = np.zeros(len(places), dtype=bool)
         rows[taken] = True
         if len(taken) > 1 and len(set(places.kind[own].tolist())) > 1:
@@ -300,16 +287,6 @@ def _pictures(places: Places, own: Flags, name: str, prediction: Floats) -> Iter
             yield Irregularity(Anomaly.READING, (name,), str(places.kind[one]), rows, alone, at)
 
 
-def _taken_together(places: Places, own: Flags) -> Iterator[tuple[float, list[int]]]:
-    """Yield the place of each picture on the path, and its readings."""
-    pictures: dict[tuple[float, str, float | None], list[int]] = {}
-    for i in np.flatnonzero(own):
-        time = float(places.time[i])
-        key = (float(places.along[i]), str(places.history[i]), None if np.isnan(time) else time)
-        pictures.setdefault(key, []).append(int(i))
-    yield from ((along, taken) for (along, *_), taken in pictures.items())
-
-
 def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
     """Return the specimens of each degradation rate, if there are several rates."""
     names, first = np.unique(places.specimen[rows], return_index=True)
@@ -319,25 +296,19 @@ def _levels(places: Places, rows: Flags) -> list[tuple[str, ...]]:
     return [tuple(names[member == k].tolist()) for k in range(member.max() + 1)]
 
 
-def _of_batches(
-    places: Places, rows: Flags, groups: list[tuple[str, ...]], response: Floats
+def _of_groups(
+    places: Places,
+    rows: Flags,
+    groups: Iterable[tuple[str, ...]],
+    oddity: Anomaly,
+    direction: Floats,
 ) -> Iterator[Irregularity]:
+    """Yield groups of several, but not all, of the specimens with these readings."""
+    kind = CURVATURE if oddity is Anomaly.DAY else ""
     for group in dict.fromkeys(groups):
         own = rows & np.isin(places.specimen, group)
-        several = len(np.unique(places.specimen[own])) > 1
-        if several and not np.array_equal(own, rows):
-            yield Irregularity(Anomaly.BATCH, group, "", own, np.where(own, response, 0.0))
-
-
-def _of_days(
-    places: Places, rows: Flags, batches: tuple[tuple[str, ...], ...], prediction: Floats
-) -> Iterator[Irregularity]:
-    """Yield wrong lengths of a batch or a round, if bend angles were read too."""
-    curved = rows & (places.kind == CURVATURE)
-    for group in dict.fromkeys(batches) if np.any(rows & (places.kind == ANGLE)) else ():
-        own = curved & np.isin(places.specimen, group)
-        if len(np.unique(places.specimen[own])) > 1 and not np.array_equal(own, curved):
-            yield Irregularity(Anomaly.DAY, group, CURVATURE, own, np.where(own, prediction, 0.0))
+        if len(np.unique(places.specimen[own])) > 1 and not np.array_equal(own, rows):
+            yield Irregularity(oddity, group, kind, own, np.where(own, direction, 0.0))
 
 
 # ---- scores
@@ -347,12 +318,7 @@ def _of_days(
 class Scored:
     """Readings and hypotheses on the scale on which everything but mishaps is white.
 
-    Parameters
-    ----------
-    observed : array, shape (n,)
-        z.
-    columns : array, shape (n, m)
-        w, one a hypothesis.
+    z (n,), and w (n, m), one column a hypothesis.
     """
 
     observed: Floats
@@ -377,10 +343,7 @@ class Scored:
     def scores(self, whole: Floats) -> Floats:
         """Return t of each hypothesis, (m,); 0 for one spanned by the free ones.
 
-        Parameters
-        ----------
-        whole : array, shape (m,)
-            |w| before anything was made free.
+        `whole` (m,) is |w| before anything was made free.
         """
         norms = self.norms
         seen = norms > 1e-3 * np.maximum(whole, SMALL)
@@ -423,12 +386,8 @@ class ReadingParts:
     def whitening(self, scatter: float, error: Floats) -> Whitening:
         """Return the whitening of readings, with deviations and errors scaled by factors.
 
-        Parameters
-        ----------
-        scatter : float
-            Factor of the standard deviation of specimens.
-        error : array, shape (n,)
-            Factors of those of the errors of reading.
+        Factors are of the standard deviations: one of specimens, and those of the errors of each
+        reading, (n,).
         """
         scaled = scatter**2 * self.specimens + np.outer(error, error) * self.errors + self.stated
         return Whitening.of(scaled, self.shared)
@@ -460,10 +419,8 @@ class ReadingParts:
         integrated out, this is the restricted likelihood of variance components
         (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545).
 
-        Parameters
-        ----------
-        beside : array, shape (n_factors,)
-            Log density of what else is known of the scatter of specimens, at each of `FACTORS`.
+        `beside` (n_factors,) is the log density of what else is known of the scatter of specimens,
+        at each of `FACTORS`.
         """
         error = np.ones(len(self.residual))
         scatter, dof = 1.0, 1.0
@@ -524,15 +481,6 @@ def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -
     """Return the log density of films for a scaled scatter of stiffness, at each of `FACTORS`.
 
     Films and actuators of a study have the same scatter in its model.
-
-    Parameters
-    ----------
-    subject : JointModel
-        The model.
-    vector : array, shape (n_parameters,)
-        Where it is calibrated.
-    left_out : iterable of str
-        Specimens of which nothing is to be known.
     """
     values = subject.table.named(np.repeat(vector[None], len(FACTORS), axis=0))
     name = STIFFNESS_SCATTER.name
@@ -547,17 +495,18 @@ def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -
 
 
 def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
-    """Return the components of the readings of a model, linearised at a point.
-
-    Parameters
-    ----------
-    subject : JointModel
-        The model.
-    vector : array, shape (n_parameters,)
-        Where it is calibrated.
-    """
-    slopes = jacobian_of(subject, vector) * _prior_widths(subject)
+    """Return the components of the readings of a model, linearised at a point."""
+    places, slopes = subject.places, jacobian_of(subject, vector) * _prior_widths(subject)
     prediction = subject.expected(vector[None])[0]
+    roots = discrepancy_roots(places, prediction)
+    common = [root for _, label, root in roots if label in COMMON_SHAPES]
+    if np.isfinite(places.time).any():
+        time = np.nan_to_num(places.time)
+        for constant in TIME_CONSTANTS:
+            gone = np.log1p(time / constant)
+            column = prediction * gone / max(float(gone.max()), SMALL)
+            drifting = column * places.level / max(places.level.max(), 1.0)
+            common.append(np.stack([column, drifting], axis=1))
     deviations = subject.deviations(vector)
     # the variance of specimen deviations without the scatter of stiffness
     values, alone = dict(subject.table.named(vector[None])), np.zeros_like(deviations.spread)
@@ -571,17 +520,15 @@ def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
     )
     residual: Floats = subject.observed - prediction
     for one in subject.of_kind(Curvature):
-        rows = np.isin(subject.places.kind, (CURVATURE, ANGLE)) & (
-            subject.places.family == ACTUATOR
-        )
+        rows = np.isin(places.kind, (CURVATURE, ANGLE)) & (places.family == ACTUATOR)
         linearised = one.linearised(subject.state(subject.table.named(vector[None])))
         residual[rows] = linearised.residual[0][one.tests.paths.mask]
     return ReadingParts(
         residual,
-        np.hstack([slopes, *_common(subject.places, prediction)]),
+        np.hstack([slopes, *(COMMON * root for root in common)]),
         specimens,
         subject.scatter(vector) - specimens - stated,
-        subject.places.family,
+        places.family,
         stated,
     )
 
@@ -594,16 +541,7 @@ def scored(
 ) -> Scored:
     """Return readings and hypotheses with common effects of specimens free.
 
-    Parameters
-    ----------
-    parts : ReadingParts
-        What the readings are made of.
-    known : sequence of Irregularity
-        What may be wrong.
-    scatter : float
-        Factor of the deviations of specimens.
-    errors : mapping of str to float, optional
-        Factors of the errors of reading by family.
+    Deviations of specimens and, by family, errors of reading are scaled by factors.
     """
     error = np.array([(errors or {}).get(one, 1.0) for one in parts.family.tolist()])
     whitening = parts.whitening(scatter, error)
@@ -620,21 +558,6 @@ def _prior_widths(subject: JointModel) -> Floats:
         width = 0.5 * float(high - low)
         found.append(width if np.isfinite(width) else 1.0)
     return np.array(found)
-
-
-def _common(places: Places, prediction: Floats) -> Iterator[Floats]:
-    """Yield directions common to all specimens tested in the same way, each (n, r)."""
-    for _, label, root in discrepancy_roots(places, prediction):
-        if label in COMMON_SHAPES:
-            yield COMMON * root
-    if np.isfinite(places.time).any():
-        time = np.nan_to_num(places.time)
-        for constant in TIME_CONSTANTS:
-            gone = np.log1p(time / constant)
-            column = prediction * gone / max(float(gone.max()), SMALL)
-            yield COMMON * np.stack(
-                [column, column * places.level / max(places.level.max(), 1.0)], 1
-            )
 
 
 # ---- the search
@@ -661,6 +584,11 @@ class Pool:
     specimens: NDArray[np.int64]
     dof: Floats
 
+    @cached_property
+    def part(self) -> NDArray[np.int64]:
+        """Place of each in `SHARES` and `LOOSE`, (m,)."""
+        return np.array([_PART[one.oddity] for one in self.known])
+
     def scales(self, scores: Floats) -> Floats:
         """Return the median score size of each sort of hypotheses, over that of a normal law.
 
@@ -681,9 +609,8 @@ class Pool:
     def p_values(self, scores: Floats) -> Floats:
         """Return p of each score, times the hypotheses of its part over its `SHARES`."""
         chance = 2.0 * stats.t.sf(np.abs(scores), self.dof)
-        part = np.array([_PART[one.oddity] for one in self.known])
-        count = np.bincount(part, minlength=len(SHARES))[part]
-        found: Floats = np.minimum(1.0, count * chance / SHARES[part])
+        count = np.bincount(self.part, minlength=len(SHARES))[self.part]
+        found: Floats = np.minimum(1.0, count * chance / SHARES[self.part])
         return np.where(self.specimens >= FEWEST, found, 1.0)
 
 
@@ -693,19 +620,6 @@ group along."""
 SHARES = np.array([0.4, 0.15, 0.25, 0.15, 0.05])
 """Shares of the level for responses, other errors of specimens, groups, readings and the edge of
 the picture: larger if common mishaps are close to the scatter that hides them."""
-GROUPS = 2
-_PART = {
-    Anomaly.RESPONSE: 0,
-    Anomaly.OFFSET: 1,
-    Anomaly.CURVATURE: 1,
-    Anomaly.ANGLE: 1,
-    Anomaly.BATCH: 2,
-    Anomaly.DAY: 2,
-    Anomaly.EDGE: 4,
-    Anomaly.JUMP: 3,
-    Anomaly.CUT_OFF: 3,
-    Anomaly.READING: 3,
-}
 READING_DOF = 60
 """Degrees of freedom of reading errors: readings on all paths, less what a path has in common."""
 
@@ -731,16 +645,8 @@ def find_suspects(
 ) -> tuple[Suspect, ...]:
     """Return the outlying specimens and readings, the oddest first.
 
-    Parameters
-    ----------
-    subject : JointModel
-        With all readings.
-    mode : array, shape (n_parameters,)
-        Of the calibration with all readings.
-    refit : callable
-        Calibrates without suspects.
-    batches : iterable of tuple of str
-        Specimens that have something in common beside their degradation rate.
+    `mode` is that of the calibration with all readings; batches are specimens that have something
+    in common beside their degradation rate.
     """
     batches = tuple(batches)
     left_out, found = _loose(subject, mode, batches), tuple[Suspect, ...]()
@@ -774,34 +680,26 @@ def _posed(
     subject: JointModel,
     vector: Floats,
     batches: tuple[tuple[str, ...], ...],
-    left_out: Sequence[Suspect] | None = None,
+    left_out: Sequence[Suspect] = (),
 ) -> tuple[Pool, Scored] | None:
     """Return the hypotheses and their scores, with those of groups that the scores suggest.
 
     If the data to leave out are known, scatter and errors are those of the other readings.
     """
-    chance = LOOSE_GROUPS if left_out is None else LEVEL * SHARES[GROUPS]
-    if left_out is not None:
+    chance = LEVEL * SHARES[GROUPS] if left_out else LOOSE_GROUPS
+    if left_out:
         vector = _with_own_errors(subject, vector, left_out)
     parts = parts_of(subject, vector)
     known = hypotheses(subject, vector, batches)
     if not known or not parts.is_finite:
         return None
     widths = Widths(NARROWER, READING_DOF, {}, {})
-    if left_out is not None:
+    if left_out:
         out = np.any([one.hypothesis.rows for one in left_out], axis=0)
         names = {name for one in left_out for name in one.hypothesis.specimens}
         widths = parts.without(out).widths(film_density(subject, vector, names))
-    known, now = _with_groups(
-        subject, known, scored(parts, known, widths.scatter, widths.errors), chance
-    )
-    return pool_of(subject, known, _dof(parts, known, now, widths)), now
-
-
-def _with_groups(
-    subject: JointModel, known: tuple[Irregularity, ...], now: Scored, chance: float
-) -> tuple[tuple[Irregularity, ...], Scored]:
-    """Return hypotheses with groups that the scores suggest, without days that they do not."""
+    now = scored(parts, known, widths.scatter, widths.errors)
+    # with groups that the scores suggest, without days that they do not
     free = Scored(now.observed, _with_free_response(known, now))
     days = np.array([one.oddity is Anomaly.DAY for one in known])
     kept = np.flatnonzero(~_unclear_days(known, free, chance))
@@ -813,8 +711,9 @@ def _with_groups(
     ]
     columns = np.where(days, free.columns, now.columns)[:, kept]
     columns = np.column_stack([columns, *(column for _, column in groups)])
-    every = (*(known[k] for k in kept), *(one for one, _ in groups))
-    return every, Scored(now.observed, columns)
+    known = (*(known[k] for k in kept), *(one for one, _ in groups))
+    now = Scored(now.observed, columns)
+    return pool_of(subject, known, _dof(parts, known, now, widths)), now
 
 
 def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Suspect]) -> Floats:
@@ -824,8 +723,13 @@ def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Sus
     between curvature and bend angle. All their parameters are found by restricted likelihood, with
     normal priors, and mean and specimen scatter unchanged.
     """
-    free = _of_errors(subject, vector)
     rows = subject.places.family == ACTUATOR
+    at, free = subject.scatter(vector), np.zeros(len(vector), dtype=bool)
+    for k in np.flatnonzero(~np.any(jacobian_of(subject, vector), axis=0)):
+        moved = vector.copy()
+        moved[k] += STEP
+        own = subject.table.parameters[k].name != STIFFNESS_SCATTER.name
+        free[k] = own and np.any((subject.scatter(moved) - at)[np.ix_(rows, rows)])
     if not free.any() or not rows.any():
         return vector
     out = np.any([one.hypothesis.rows for one in left_out], axis=0) & rows
@@ -834,7 +738,7 @@ def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Sus
         return vector
     rest = parts.without(out | ~rows)
     kept = np.ix_(rows & ~out, rows & ~out)
-    beside = (subject.scatter(vector) - parts.errors)[kept]
+    beside = (at - parts.errors)[kept]
     medians = np.array(
         [float(p.law.to_unconstrained(p.law.quantile(0.5))) for p in subject.table.parameters]
     )[free]
@@ -857,19 +761,6 @@ def _with_own_errors(subject: JointModel, vector: Floats, left_out: Sequence[Sus
     there = vector.copy()
     there[free] = found.x
     return there
-
-
-def _of_errors(subject: JointModel, vector: Floats) -> Flags:
-    """Return a mask of parameters of actuator reading errors, (n_parameters,)."""
-    fixed = ~np.any(jacobian_of(subject, vector), axis=0)
-    rows = subject.places.family == ACTUATOR
-    at, found = subject.scatter(vector), np.zeros(len(vector), dtype=bool)
-    for k in np.flatnonzero(fixed):
-        moved = vector.copy()
-        moved[k] += STEP
-        own = subject.table.parameters[k].name != STIFFNESS_SCATTER.name
-        found[k] = own and np.any((subject.scatter(moved) - at)[np.ix_(rows, rows)])
-    return found
 
 
 STEPS, STEP, UNLIKELY = 10, 1e-3, 1e12
@@ -935,36 +826,28 @@ def _two_groups(pool: Pool, now: Scored, chance: float) -> Iterator[tuple[Irregu
         same = np.array([one.oddity is oddity for one in pool.known])
         for family in np.unique(pool.family):
             members = np.flatnonzero(same & (pool.family == family))
-            few = members[_smaller_group(now, members, chance)]
-            if len(few):
-                yield _together(group, [pool.known[k] for k in few]), now.columns[:, few].sum(1)
+            if len(members) < 2 * SMALLEST_GROUP:
+                continue
+            sizes, norms = _sizes(now, members)
+            statistic, part = largest_t(sizes[None], norms)
+            generator = np.random.default_rng(len(norms))
+            null_sizes = generator.standard_normal((SPLITS, len(norms))) / norms
+            if statistic[0] <= float(np.quantile(largest_t(null_sizes, norms)[0], 1.0 - chance)):
+                continue
+            order = np.argsort(sizes)
+            few = members[min(order[part[0] :], order[: part[0]], key=len)]
+            ways = [pool.known[k] for k in few]
+            names = tuple(one.specimens[0] for one in ways)
+            rows = np.any([one.rows for one in ways], axis=0)
+            direction = np.sum([one.direction for one in ways], axis=0)
+            together = Irregularity(group, names, ways[0].kind, rows, direction)
+            yield together, now.columns[:, few].sum(1)
 
 
 def _sizes(now: Scored, members: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Return sizes of single hypotheses, and one over their standard errors, (m,) each."""
     norms = np.maximum(now.norms[members], SMALL)
     return (now.columns[:, members].T @ now.observed) / norms**2, norms
-
-
-def _smaller_group(now: Scored, members: NDArray[np.int64], chance: float) -> NDArray[np.int64]:
-    """Return indices of hypotheses that form a group; empty if there is no group."""
-    if len(members) < 2 * SMALLEST_GROUP:
-        return np.array([], dtype=np.int64)
-    sizes, norms = _sizes(now, members)
-    statistic, part = largest_t(sizes[None], norms)
-    null_sizes = np.random.default_rng(len(norms)).standard_normal((SPLITS, len(norms))) / norms
-    if statistic[0] <= float(np.quantile(largest_t(null_sizes, norms)[0], 1.0 - chance)):
-        return np.array([], dtype=np.int64)
-    order = np.argsort(sizes)
-    return min(order[part[0] :], order[: part[0]], key=len)
-
-
-def _together(oddity: Anomaly, ways: Sequence[Irregularity]) -> Irregularity:
-    """Return a joint hypothesis for specimens that are odd one by one."""
-    names = tuple(one.specimens[0] for one in ways)
-    rows = np.any([one.rows for one in ways], axis=0)
-    direction = np.sum([one.direction for one in ways], axis=0)
-    return Irregularity(oddity, names, ways[0].kind, rows, direction)
 
 
 def t_between(sizes: Floats, weights: Floats, own: Flags) -> float:
@@ -986,12 +869,8 @@ def t_between(sizes: Floats, weights: Floats, own: Flags) -> float:
 def largest_t(sizes: Floats, weights: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Return the largest t of two groups of ordered sizes (n, k), and where the second begins.
 
-    Parameters
-    ----------
-    sizes : array, shape (n, k)
-        Of k specimens, with errors in proportion to one over their weights.
-    weights : array, shape (k,)
-        Whatever their scale.
+    Errors of the k sizes are in proportion to one over their weights (k,), whatever the scale of
+    these.
 
     Examples
     --------
@@ -1022,27 +901,23 @@ def _loose(
     if posed is None:
         return ()
     pool, now = posed
-    threshold = LOOSE[[_PART[one.oddity] for one in pool.known]]
+    threshold = LOOSE[pool.part]
     scale = pool.scales(now.scores(now.norms))
 
     def excess(scores: Floats) -> Floats:
         size = np.abs(scores) / scale
         return np.where((size > threshold) & (pool.specimens >= FEWEST), size / threshold, 0.0)
 
-    return tuple(map(partial(_whole, subject.places), _pursued(subject, pool, now, excess)))
-
-
-def _whole(places: Places, suspect: Suspect) -> Suspect:
-    """Return a suspect with its whole specimen left out, if more than single readings are odd.
-
-    The kind of mishap is decided only once the scatter is known without it.
-    """
-    one = suspect.hypothesis
-    if one.oddity not in (Anomaly.JUMP, Anomaly.CUT_OFF):
-        return suspect
-    family = places.family == places.family[np.argmax(one.rows)]
-    rows = family & np.isin(places.specimen, one.specimens)
-    return replace(suspect, hypothesis=replace(one, oddity=Anomaly.RESPONSE, rows=rows))
+    places, found = subject.places, []
+    for suspect in _pursued(subject, pool, now, excess):
+        one = suspect.hypothesis
+        # the kind of mishap is decided only once the scatter is known without the whole specimen
+        if one.oddity in (Anomaly.JUMP, Anomaly.CUT_OFF):
+            family = places.family == places.family[np.argmax(one.rows)]
+            rows = family & np.isin(places.specimen, one.specimens)
+            one = replace(one, oddity=Anomaly.RESPONSE, rows=rows)
+        found.append(replace(suspect, hypothesis=one))
+    return tuple(found)
 
 
 def _strict(
@@ -1056,21 +931,16 @@ def _strict(
     if posed is None:
         return ()
     pool, now = posed
-    groups = np.array([_PART[one.oddity] == GROUPS for one in pool.known])
 
     def excess(scores: Floats) -> Floats:
         chance = pool.p_values(scores)
         size = np.abs(scores)
-        return np.where(chance < DOUBTFUL, np.where(groups, size / SINGLE_FIRST, size), 0.0)
+        size = np.where(pool.part == GROUPS, size / SINGLE_FIRST, size)
+        return np.where(chance < DOUBTFUL, size, 0.0)
 
-    return _not_drawn_along(_confirmed(pool, now, _pursued(subject, pool, now, excess)))
-
-
-def _not_drawn_along(found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
-    """Return suspects without batches in which a single specimen is odd.
-
-    Whether the rest of the batch is also odd is decided once it takes part in the calibration.
-    """
+    found = _confirmed(pool, now, _pursued(subject, pool, now, excess))
+    # whether the rest of a batch with an odd specimen is odd too is decided once the rest takes
+    # part in the calibration
     ways = [one.hypothesis for one in found]
     alone = {way.specimens[0] for way in ways if way.is_of_specimen and len(way.specimens) == 1}
     return tuple(

@@ -11,7 +11,7 @@ the deficit of a set in log Bayes factor, a combination of several replacements 
 the combination, and there is no product but a list of sets.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -128,15 +128,6 @@ def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> 
 
     Combinations of several replacements are fitted, first those that screening rates worst relative
     to their parts; beyond the limit of the effort screening decides.
-
-    Parameters
-    ----------
-    search : Search
-        In which the set and its rivals are fitted.
-    chosen : frozenset of str
-        The favoured set.
-    supported : sequence of Support
-        What speaks for its causes, with their rivals.
     """
     if not chosen:
         return StatedSets((), ())
@@ -145,20 +136,29 @@ def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> 
     screened = _screened_gaps(search, chosen, combined)
     doubtful = sorted(combined, key=lambda one: one.together - screened[one.names])
     missing = [one.names for one in doubtful if one.names not in search.trials]
-    scale = SetScale.of(search, chosen) if missing else None
-    if scale is not None:
+    if missing:
+        scale = SetScale.of(search, chosen)
         search.fit_sets({names: scale.sizes_of(names) for names in missing[: search.effort.fitted]})
-    members = list(_replaced_once(search, supported, lists))
+    whole, heads = search.factor(chosen), tuple(names[0] for names in lists)
+    members = [SetOdds(heads, whole, 0.0)]
+    for support in supported:
+        for rival in support.inseparable:
+            causes = tuple(rival if name == support.cause else name for name in heads)
+            behind = support.rivals[rival]
+            members.append(SetOdds(causes, whole - behind, behind))
     excluded: list[SetOdds] = []
     for one in combined:
         fitted = one.names in search.trials
-        behind = screened[one.names]
-        if fitted:
-            behind = search.factor(chosen) - search.factor(one.names)
-        found = SetOdds(one.causes, search.factor(chosen) - behind, behind, fitted)
+        behind = whole - search.factor(one.names) if fitted else screened[one.names]
+        found = SetOdds(one.causes, whole - behind, behind, fitted)
         belongs = found.behind <= max(INSEPARABLE, one.together + TOLERANCE)
         (members if belongs else excluded).append(found)
-    members += _further(search, chosen, {one.names for one in (*members, *excluded)})
+    # fitted sets of the same size within odds of 20 that are not combinations from the lists
+    known = {one.names for one in (*members, *excluded)}
+    for names in search.trials:
+        behind = whole - search.factor(names)
+        if len(names) == len(chosen) and names not in known and behind < INSEPARABLE:
+            members.append(SetOdds(tuple(sorted(names)), whole - behind, behind))
     first, *others = members
     others.sort(key=lambda one: (one.behind, one.causes))
     return StatedSets(lists, (first, *others), tuple(excluded))
@@ -212,25 +212,3 @@ def _screened_gaps(
             beyond = (own - whole) - sum(own - part for part in known)
         found[one.names] = one.together + beyond
     return found
-
-
-def _replaced_once(
-    search: Search, supported: Sequence[Support], lists: tuple[tuple[str, ...], ...]
-) -> Iterator[SetOdds]:
-    """Yield the favoured set, and those with one cause replaced by a rival."""
-    heads = tuple(names[0] for names in lists)
-    whole = search.factor(frozenset(heads))
-    yield SetOdds(heads, whole, 0.0)
-    for one in supported:
-        for rival in one.inseparable:
-            causes = tuple(rival if name == one.cause else name for name in heads)
-            yield SetOdds(causes, whole - one.rivals[rival], one.rivals[rival])
-
-
-def _further(search: Search, chosen: Names, known: set[Names]) -> Iterator[SetOdds]:
-    """Yield fitted sets of the same size within odds of 20 that are not combinations from lists."""
-    whole = search.factor(chosen)
-    for names in search.trials:
-        behind = whole - search.factor(names)
-        if len(names) == len(chosen) and names not in known and behind < INSEPARABLE:
-            yield SetOdds(tuple(sorted(names)), whole - behind, behind)

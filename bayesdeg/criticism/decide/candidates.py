@@ -71,17 +71,7 @@ NOT_KNOWN = Confusability((), np.zeros(0), np.zeros((0, 0)))
 def confusability(
     linear: Linear, causes: tuple[Cause, ...], generator: np.random.Generator
 ) -> Confusability:
-    """Simulate the readings under each cause at its typical size and judge them.
-
-    Parameters
-    ----------
-    linear : Linear
-        The base model, linearised.
-    causes : tuple of Cause
-        What may act; each at the size that its catalogue entry gives as typical.
-    generator : Generator
-        For the noise.
-    """
+    """Simulate the readings under each cause at its typical size and judge them."""
     if not causes:
         return NOT_KNOWN
     columns = [sensitivities(linear, cause) for cause in causes]

@@ -89,14 +89,8 @@ named itself, since counts cannot tell which of the two it is."""
 class CountedCause:
     """Evidence of counts for one cause.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        The model with the cause and the counts; its evidence is comparable with that of the parent.
-    support : Support
-        What speaks for it.
-    left : CountMisfit
-        How probable the counts are with it.
+    The trial is of the model with the cause and the counts, its evidence comparable with that of
+    the parent; `left` says how probable the counts are with it.
     """
 
     trial: CandidateFit
@@ -166,16 +160,8 @@ def judge_counts(
 ) -> Counted:
     """Compute the probability of counts, and the causes that explain improbable ones.
 
-    Parameters
-    ----------
-    parent : CandidateFit
-        The model, with the causes that the readings favour.
-    counts : RuptureCounts
-        How many burst.
-    causes : iterable of Cause
-        Those that act on rupture alone and may be named.
-    generator : Generator
-        Everything random comes from it.
+    The parent has the causes that the readings favour; `causes` act on rupture alone and may be
+    named.
     """
     known = parent.draws(generator, DRAWS)
     chances = answered(chances_at(parent.subject, counts, known))
@@ -339,28 +325,22 @@ class _Extended:
         chances = chances_at(self.subject, self.counts, different)
         repeated = answered(Chances(*(part[place] for part in chances)))
         left = judged_counts(self.counts.tests, repeated, generator, PUBLISHED)
-        gain, error = _held_out(self, base)
+        # actuators left out in turn: the gain in log predictive density of each
+        tests = self.counts.tests
+        times = np.concatenate([tests.ruptured, tests.tested - tests.ruptured])
+        each = _left_out(self.law.reweighted(self.own)) - _left_out(base)
+        each = np.repeat(each, times.astype(int))
         size = float(np.median(drawn[:, columns_of(trial.subject, self.cause)[0]]))
         support = Support(
             cause=self.cause.name,
             log_bayes_factor=factor,
-            elpd_diff=gain,
-            elpd_diff_se=error,
+            elpd_diff=float(np.sum(each)),
+            elpd_diff_se=standard_error(each),
             rivals={},
             prior_tail=prior_tail(self.cause, size),
             chance=float(chance_of(factor, chance)),
         )
         return CountedCause(trial, support, left)
-
-
-def _held_out(extended: _Extended, base: CountLaw) -> tuple[float, float]:
-    """Return the gain in log predictive density of actuators left out in turn, and its error."""
-    tests = extended.counts.tests
-    with_cause = _left_out(extended.law.reweighted(extended.own))
-    without = _left_out(base)
-    times = np.concatenate([tests.ruptured, tests.tested - tests.ruptured])
-    each = np.repeat(with_cause - without, times.astype(int))
-    return float(np.sum(each)), standard_error(each)
 
 
 def _left_out(law: CountLaw) -> Floats:

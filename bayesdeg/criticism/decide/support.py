@@ -9,8 +9,7 @@ import numpy as np
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import columns_of
 from bayesdeg.criticism.fit.search import Names, Search, rivals
-from bayesdeg.criticism.holdout.held_out import HeldOut, difference
-from bayesdeg.criticism.holdout.leaving_out import one_by_one, run_folds
+from bayesdeg.criticism.holdout.held_out import HeldOut, difference, one_by_one, run_folds
 from bayesdeg.inference.model import JointModel
 
 Regroup = Callable[[JointModel], JointModel]
@@ -139,28 +138,10 @@ def hold_out_each(
 ) -> list[dict[Names, HeldOut]]:
     """Predict held-out groups with no cause, without each of a set, and with all of it, in turn.
 
-    All calibrations run in parallel.
-
-    Parameters
-    ----------
-    search : Search
-        In which those sets are fitted.
-    chosen : frozenset of str
-        The set.
-    ways : sequence of callable
-        Each makes of a model one that holds out other groups.
-    seed : SeedSequence
-        The same for each, so that they are compared on the same draws.
-    executor : Executor, optional
-        Runs calibrations side by side.
-    on_set : callable, optional
-        Called after each set.
-
-    Returns
-    -------
-    list of dict
-        One for each way; empty where there is a single group of readings, without which nothing
-        would be left, or no group.
+    All calibrations run in parallel, with the same seed, so that they are compared on the same
+    draws. Each of the ways makes of a model one that holds out other groups. `on_set` is called
+    after each set. One mapping for each way; empty where there is a single group of readings,
+    without which nothing would be left, or no group.
     """
     smaller = (chosen - {name} for name in sorted(chosen))
     sets = list(dict.fromkeys([search.base.names, *smaller, chosen]))
@@ -243,12 +224,7 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
 def prior_tail(cause: Cause, value: float) -> float:
     """Return the prior probability of a size at least as far from neutral.
 
-    Parameters
-    ----------
-    cause : Cause
-        Its first parameter is its size.
-    value : float
-        The size, on the unconstrained scale.
+    The first parameter of a cause is its size; the value is on the unconstrained scale.
     """
     size = cause.parameters[0]
     neutral = float(size.law.to_unconstrained(size.neutral or 0.0))

@@ -300,11 +300,7 @@ def decide(
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
-    return _said(supported, stated)
-
-
-def _said(supported: Sequence[Support], stated: StatedSets | None) -> Decision:
-    """Return the named causes, which are in every possible set, and lists of which one acts."""
+    # the named causes, which are in every possible set, and lists of which one acts
     apart = [one for one in supported if stated is None or one.cause not in stated.favoured]
     lists = [(one.cause, *one.inseparable) for one in apart]
     certain = [names[0] for names in lists if len(names) == 1]

@@ -4,7 +4,6 @@ A term in known quantities becomes a cause that acts on the reading: the model i
 it, and experiments are ranked between such models as between any others.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,12 +47,7 @@ IN_QUESTION = 3  # terms between which experiments are ranked
 class TermOnReading:
     """A forward map of actuators modified by a term.
 
-    Parameters
-    ----------
-    term : KnownTerm
-        Of curvature, bend angle or both.
-    rates, moduli : array, shape (m,)
-        Degradation rates of the study's specimens [%], and 6 C1 there [MPa].
+    `moduli` are 6 C1 [MPa] at the degradation rates of the study's specimens [%], (m,).
     """
 
     term: KnownTerm
@@ -117,21 +111,13 @@ def term_trials(
 ) -> tuple[CandidateFit, ...]:
     """Return the model fitted again with each of the best, about equally good terms.
 
-    Parameters
-    ----------
-    trial : CandidateFit
-        The model whose misfit was searched.
-    found : MissingTerms
-        What was found; of the first term those that fit as well are in question.
-    generator : Generator
-        Draws the proposals of the fits.
-
-    Returns
-    -------
-    tuple of CandidateFit
-        Empty where fewer than two terms of actuators are in question.
+    Of the first term found, those that fit as well are in question. Empty where fewer than two
+    terms of actuators are in question.
     """
-    in_question = list(_in_question(found))[:IN_QUESTION]
+    in_question: list[tuple[KnownTerm, float]] = []
+    for first in found.terms[:1]:  # the term that was taken, and those that fit as well
+        both = [(first.term, first.size), *((one.term, one.size) for one in first.alike)]
+        in_question = [(term, size) for term, size in both if term.family == ACTUATOR][:IN_QUESTION]
     if len(in_question) < 2 or not isinstance(trial.subject.world, FilmsAndActuators):
         return ()
     causes = [term_cause(trial.linear, term, size) for term, size in in_question]
@@ -139,24 +125,10 @@ def term_trials(
     return tuple(try_causes(trial, c, s, generator) for c, s in zip(causes, sizes, strict=True))
 
 
-def _in_question(found: MissingTerms) -> Iterator[tuple[KnownTerm, float]]:
-    """Yield the term that was taken and those that fit as well, each with its size."""
-    for one in found.terms[:1]:
-        both = ((one.term, one.size), *((other.term, other.size) for other in one.alike))
-        yield from ((term, size) for term, size in both if term.family == ACTUATOR)
-
-
 def term_cause(linear: Linear, term: KnownTerm, size: float) -> Cause:
     """Return a term as a cause that acts on actuator readings.
 
-    Parameters
-    ----------
-    linear : Linear
-        The model in which it was found.
-    term : KnownTerm
-        Of actuators.
-    size : float
-        In its unit: the prior is N(0, (2 size)²).
+    The prior of its size is N(0, (2 size)²), in the unit of the term.
     """
     model = linear.subject
     places = model.places

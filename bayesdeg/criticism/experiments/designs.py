@@ -33,7 +33,7 @@ from bayesdeg.observations.pressures import PressureTests
 from bayesdeg.observations.specimens import PAPER_STIFFNESS, layer_stiffness, linear_scale
 from bayesdeg.observations.tensile import Tensile, TensileCurves
 from bayesdeg.observations.volume import CavityVolume
-from bayesdeg.priors import Named, Parameter
+from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]
 
@@ -123,11 +123,11 @@ class ActuatorDesign:
         pressure: Floats,
         *,
         time: Floats | None = None,
-        branch: NDArray[np.str_] | None = None,
-        cycle: NDArray[np.int64] | None = None,
-        mount: str | None = None,
-        temperature: float | None = None,
-        batches: tuple[int, ...] | None = None,
+        branch: NDArray[np.str_] | str = "loading",
+        cycle: NDArray[np.int64] | int = 1,
+        mount: str = "",
+        temperature: float = np.nan,
+        batches: tuple[int, ...] = (),
         angle: bool = False,
     ) -> ActuatorCurves:
         """Return tests without readings, all at the same pressures, otherwise unchanged."""
@@ -148,15 +148,15 @@ class ActuatorDesign:
             angle_mask=read & (angle or self.data.with_angle),
             recorded=read,
             ruptured=~read,
-            cycle=np.broadcast_to(np.int64(1) if cycle is None else cycle, shape),
-            branch=np.broadcast_to("loading" if branch is None else branch, shape),
+            cycle=np.broadcast_to(np.asarray(cycle, dtype=np.int64), shape),
+            branch=np.broadcast_to(np.asarray(branch), shape),
             time=np.broadcast_to(usual_times if time is None else time, shape),
             humidity=np.full(shape, _usual(self.data.humidity)),
-            mount=np.full(shape, usual if mount is None else mount),
+            mount=np.full(shape, mount or usual),
             temperature=np.full(
-                shape, _usual(self.data.temperature) if temperature is None else temperature
+                shape, _usual(self.data.temperature) if np.isnan(temperature) else temperature
             ),
-            batch=self._batches(levels) if batches is None else np.array(batches)[:, None],
+            batch=np.array(batches)[:, None] if batches else self._batches(levels),
         )
 
     def _batches(self, levels: tuple[float, ...] | list[float]) -> NDArray[np.int64]:
@@ -315,10 +315,7 @@ class PartMeasurements:
         """Where there is a reading."""
         return np.ones(self.pressure.shape, dtype=bool)
 
-    @property
-    def errors(self) -> tuple[Parameter, ...]:
-        """None: they are stated."""
-        return ()
+    errors = ()  # they are stated
 
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return readings expected."""
@@ -399,22 +396,13 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
     are possible at any degradation rate are proposed at the lowest and the highest;
     `bayesdeg.criticism.experiments.ranking.rank` keeps the better one.
 
-    Parameters
-    ----------
-    model : JointModel
-        The base model of the study, with its data.
-
-    Returns
-    -------
-    tuple of Experiment
-        Empty if it has neither actuators nor films.
+    From the base model with its data; empty if it has neither actuators nor films.
     """
     found: list[Experiment] = []
     for tests in model.of_kind(Curvature):
         design = ActuatorDesign.of(tests.tests)
         for level in dict.fromkeys((design.levels[0], design.levels[-1])):
             found += _histories(design, level)
-            found += _finer(design, level)
             found += _of_part(design, level, with_paper=PAPER_STIFFNESS in model.table.names)
         found += _at_levels(design, model)
         for level in dict.fromkeys((design.levels[0], design.levels[-1])):
@@ -430,7 +418,7 @@ def candidate_experiments(model: JointModel) -> tuple[Experiment, ...]:
 
 
 def _histories(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
-    """Yield tests at one degradation rate with a different load history or mount."""
+    """Yield tests at one degradation rate with another load history or mount, or more readings."""
     data, rising = design.data, design.pressures(level)
     steps = np.linspace(0.0, (2 * len(rising) - 1) * design.dwell, 2 * len(rising))
     if not np.any(data.branch == "unloading"):
@@ -458,16 +446,11 @@ def _histories(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
     for mount in [m for m in MOUNTS if m not in data.mount]:
         curves = design.curves([level], rising, mount=mount)
         yield design.experiment("second mount", curves, mount=mount)
-
-
-def _finer(design: ActuatorDesign, level: float) -> Iterator[Experiment]:
-    """Yield tests at one degradation rate with more readings."""
-    rising = design.pressures(level)
     if len(rising) > 1:
         between = 0.5 * (rising + np.append(0.0, rising[:-1]))
         finer = np.sort(np.append(rising, between))
         yield design.experiment("finer steps", design.curves([level], finer))
-    if not design.data.with_angle:
+    if not data.with_angle:
         curves = design.curves([level], rising, angle=True)
         yield design.experiment("bend angle", curves)
 

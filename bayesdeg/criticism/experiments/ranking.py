@@ -83,12 +83,7 @@ class Measurement(Protocol):
 class ActuatorTests:
     """Actuators under pressure.
 
-    Parameters
-    ----------
-    curves : ActuatorCurves
-        One row a kind of specimen; what it holds of readings is not used.
-    copies : int
-        Specimens of each kind.
+    One row of curves a kind of specimen; what it holds of readings is not used.
     """
 
     curves: ActuatorCurves
@@ -99,10 +94,7 @@ class ActuatorTests:
         """Where there is a reading: curvatures, then bend angles if there are any."""
         return self.curves.paths.mask
 
-    @property
-    def errors(self) -> tuple[Parameter, ...]:
-        """Those of bend angles, which `with_noise` knows."""
-        return ()
+    errors = ()  # `with_noise` knows those of bend angles
 
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return curvatures [1/m], then bend angles [°] expected."""
@@ -137,13 +129,8 @@ class ActuatorTests:
 class VolumeTests:
     """Actuators under pressure with readings of cavity volume as well as curvature.
 
-    Parameters
-    ----------
-    bent : ActuatorTests
-        What is read of their shape.
-    volumes : CavityVolume
-        On the same specimens, read at every pressure; what was read is not used, but its largest
-        scales the constant error of reading.
+    Volumes are of the same specimens, read at every pressure; what was read is not used, but its
+    largest scales the constant error of reading.
     """
 
     bent: ActuatorTests
@@ -197,12 +184,7 @@ class VolumeTests:
 class FilmTests:
     """Films in tension.
 
-    Parameters
-    ----------
-    curves : TensileCurves
-        One row a kind of specimen; what it holds of stresses is not used.
-    copies : int
-        Specimens of each kind.
+    One row of curves a kind of specimen; what it holds of stresses is not used.
     """
 
     curves: TensileCurves
@@ -213,10 +195,7 @@ class FilmTests:
         """Where there is a reading."""
         return self.curves.mask
 
-    @property
-    def errors(self) -> tuple[Parameter, ...]:
-        """Those of stresses, which `with_noise` knows."""
-        return ()
+    errors = ()  # `with_noise` knows those of stresses
 
     def expected(self, model: JointModel, values: Named) -> Floats:
         """Return stresses expected [MPa]."""
@@ -251,14 +230,7 @@ def with_noise(
 ) -> dict[str, Floats]:
     """Return named values with the prior noise of quantities never read so far.
 
-    Parameters
-    ----------
-    values : mapping
-        Named values, (n,).
-    generator : Generator
-        Draws what is not there.
-    errors : tuple of Parameter
-        Further errors of reading, of a measurement of its own kind.
+    Also of further errors of reading, of a measurement of its own kind.
     """
     count = len(values["stiffness_scatter"])
     unknown = [p for p in (*BEND_ANGLE, *TENSILE, *errors) if p.name not in values]
@@ -273,14 +245,8 @@ NO_CAUSE = "no cause"
 class Hypothesis:
     """A possible model, and draws of its parameters.
 
-    Parameters
-    ----------
-    name : str
-        The cause or causes by which it differs from the others.
-    model : JointModel
-        With its causes active.
-    draws : array, shape (n, n_parameters)
-        On the sampler's scale.
+    The name is of the cause or causes by which it differs from the others; draws (n, n_parameters)
+    are on the sampler's scale.
     """
 
     name: str
@@ -297,16 +263,8 @@ def hypotheses_of(
 ) -> tuple[Hypothesis, ...]:
     """Return fitted models as hypotheses, and with each untested cause added to the smallest.
 
-    Parameters
-    ----------
-    trials : sequence of CandidateFit
-        Fitted models of one study; causes that all have in common are not in question.
-    generator : Generator
-        Draws from the posteriors and priors.
-    untested : sequence of Cause
-        Causes that the data so far cannot reveal: what is known of their sizes is the prior.
-    draws : int
-        Of each.
+    Causes that all models have in common are not in question. Of untested causes, which the data so
+    far cannot reveal, the prior of their sizes is known.
     """
     common = frozenset.intersection(*(trial.names for trial in trials))
     found = [
@@ -407,19 +365,8 @@ def predictive_readings(
 ) -> list[PredictiveReadings]:
     """Return the law of the readings under each hypothesis, and readings drawn under it.
 
-    Parameters
-    ----------
-    hypotheses : sequence of (JointModel, mapping)
-        Models with named draws of their parameters, (n,).
-    measurement : Measurement
-        What would be read.
-    generator : Generator
-        Draws the readings.
-
-    Returns
-    -------
-    list of PredictiveReadings
-        Empty where too little of it can be foretold.
+    From models with named draws of their parameters (n,); empty where too little of the readings
+    can be foretold.
     """
     expected = [measurement.expected(model, values) for model, values in hypotheses]
     answered = [np.mean(np.isfinite(one), axis=0) >= ANSWERED for one in expected]
@@ -530,15 +477,7 @@ class ExperimentPlan:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A further experiment.
-
-    Parameters
-    ----------
-    plan : ExperimentPlan
-        What to do.
-    measurement : Measurement
-        What would be read.
-    """
+    """A further experiment: what to do, and what would be read."""
 
     plan: ExperimentPlan
     measurement: Measurement
@@ -563,15 +502,8 @@ class Experiment:
 class Pair:
     """Expected contribution of an experiment to the log Bayes factor between two causes.
 
-    Parameters
-    ----------
-    causes : (str, str)
-        Names of the hypotheses.
-    expected : float
-        The smaller of the expectations with either as the truth [nats]: at least that much is to
-        be expected.
-    error : float
-        Monte Carlo standard error of it.
+    `expected` is the smaller of the expectations with either as the truth [nats]: at least that
+    much is to be expected; `error` is its Monte Carlo standard error.
     """
 
     causes: tuple[str, str]
@@ -583,12 +515,7 @@ class Pair:
 class Ranked:
     """An experiment and its expected evidence.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        Which.
-    pairs : tuple of Pair
-        Every pair of hypotheses, the best told apart first.
+    Pairs are all pairs of hypotheses, the best told apart first.
     """
 
     experiment: Experiment
@@ -618,24 +545,9 @@ def rank(
     With more than two models, experiments that tell more pairs apart come first, then those with
     the larger expected log Bayes factor for the worst of these pairs; ties (0.1) go by cost.
 
-    Parameters
-    ----------
-    trials : sequence of CandidateFit
-        Fitted models between which the data so far do not decide, as a cause and its rivals.
-    experiments : sequence of Experiment
-        Candidates, see `bayesdeg.criticism.experiments.designs.candidate_experiments`.
-    generator : Generator
-        Draws everything.
-    untested : sequence of Cause
-        Causes that the data so far cannot reveal, where they are in question too.
-    executor : Executor, optional
-        Foretells experiments side by side.
-
-    Returns
-    -------
-    tuple of Ranked
-        The best of each kind; empty with fewer than two models. What the forward map has no answer
-        for is not there.
+    Between fitted models that the data so far do not tell apart, as a cause and its rivals, and
+    untested causes that they cannot reveal. The best of each kind is returned; nothing with fewer
+    than two models, and no experiment for which the forward map has no answer.
     """
     if len(trials) + len(untested) < 2 or not trials:
         return ()
@@ -700,14 +612,7 @@ def next_experiments_document(
 ) -> tuple[ExperimentEntry, ...]:
     """Return ``next_experiments`` of ``verdict.json``: the best ones that tell causes apart.
 
-    Parameters
-    ----------
-    ranked : sequence of Ranked
-        The best first.
-    word : callable
-        Says what a plan is, in plain words.
-    most : int
-        How many are given at most.
+    At most so many, each plan worded by a function.
 
     Examples
     --------

@@ -46,21 +46,10 @@ FIRST = 0.25
 def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
     """Return the model at the scatter within levels, if specimens of levels deviate together.
 
-    Parameters
-    ----------
-    linear : Linear
-        At the mode of a fitted model.
-    uncertain : array, shape (n_parameters, n_parameters)
-        Covariance of the parameters given all but the readings.
-    centre : array, shape (n_parameters,)
-        Their mean given all but the readings.
-
-    Returns
-    -------
-    Linear
-        The same where specimens of a level, of a batch or of like warmth do not clearly deviate
-        together, and where there is not one parameter that is their scatter, on a logarithmic
-        scale to the sampler.
+    Covariance and centre are those of the parameters given all but the readings. The model is
+    returned as it is where specimens of a level, of a batch or of like warmth do not clearly
+    deviate together, and where there is not one parameter that is their scatter, on a logarithmic
+    scale to the sampler.
     """
     if not linear.is_known:
         return linear
@@ -72,7 +61,12 @@ def within_levels(linear: Linear, uncertain: Floats, centre: Floats) -> Linear:
         moved[k] += 0.5
         if k not in of_causes and np.any(subject.deviations(moved).spread > own.spread):
             scatters.append(int(k))
-    together = _together(linear, own)
+    # what levels, what was recorded of each specimen (batch and warmth), and both have in common
+    read = own.slope * np.sqrt(own.spread)
+    of_levels, recorded = _of_levels(linear, own, read), _of_conditions(linear, read)
+    together = [of_levels] if of_levels.shape[1] else []
+    if recorded.shape[1]:
+        together += [recorded, np.hstack([of_levels, recorded])]
     if len(scatters) != 1 or not together:
         return linear
     place = scatters[0]
@@ -132,19 +126,6 @@ class _Law:
         return [law.log_density(residual) - prior for law in laws]
 
 
-def _together(linear: Linear, own: Deviations) -> list[Floats]:
-    """Return the common deviations of groups of specimens, each (n, number of groups).
-
-    Levels of what was set, what was recorded of each specimen (batch and warmth), and both.
-    """
-    read = own.slope * np.sqrt(own.spread)
-    of_levels, recorded = _of_levels(linear, own, read), _of_conditions(linear, read)
-    found = [of_levels] if of_levels.shape[1] else []
-    if recorded.shape[1]:
-        found += [recorded, np.hstack([of_levels, recorded])]
-    return found
-
-
 def _of_levels(linear: Linear, own: Deviations, read: Floats) -> Floats:
     """Return the effect of a common deviation of each level with several specimens.
 
@@ -166,18 +147,13 @@ def _of_conditions(linear: Linear, read: Floats) -> Floats:
     tests = actuator.conditions
     batch = np.broadcast_to(tests.batch, tests.pressure.shape)[:, 0]
     names = np.unique(batch)
-    batches = [batch == one for one in names] if len(names) > 1 else []
-    return np.hstack([_sums(read, batches), read @ _warmth(tests.room_temperature, len(batch))])
-
-
-def _warmth(temperature: Floats, count: int) -> Floats:
-    """Return the standardised temperature of each test, (count, 0 or 1)."""
-    warmth = np.broadcast_to(temperature, count)
+    found = [_sums(read, [batch == one for one in names] if len(names) > 1 else [])]
+    warmth = np.broadcast_to(tests.room_temperature, len(batch))
     known = np.isfinite(warmth)
-    if not known.any() or np.ptp(warmth[known]) == 0.0:
-        return np.zeros((count, 0))
-    above = np.where(known, warmth - np.mean(warmth[known]), 0.0)
-    return (above / np.std(above))[:, None]
+    if known.any() and np.ptp(warmth[known]) != 0.0:
+        above = np.where(known, warmth - np.mean(warmth[known]), 0.0)
+        found.append(read @ (above / np.std(above))[:, None])
+    return np.hstack(found)
 
 
 def _sums(read: Floats, groups: Iterable[NDArray[np.bool_]]) -> Floats:

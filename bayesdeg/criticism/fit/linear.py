@@ -65,21 +65,29 @@ class Whitening:
     def of(cls, scatter: Floats, shared: Floats) -> "Whitening":
         """Return the whitening of scatter + shared sharedᵀ.
 
-        Parameters
-        ----------
-        scatter : array, shape (n, n)
-            V; zero between readings of different specimens.
-        shared : array, shape (n, r)
-            X Λ^(−1/2), or another root of what is shared.
+        V (n, n) is zero between readings of different specimens; the other is a root of what is
+        shared, (n, r), as X Λ^(−1/2).
 
         Raises
         ------
         LinAlgError
             If V is not positive definite. Numbers that are not finite are kept.
         """
-        lower, inverse = _blocks(scatter)
-        nothing = np.zeros((len(scatter), 0))
-        return cls(lower, inverse, nothing, np.zeros(0)).sharing(shared)
+        count, member = connected_components(csr_array(scatter != 0.0), directed=False)
+        lower, inverse = [], []
+        order = np.argsort(member, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(member[order])) + 1) if count else ():
+            block = scatter[np.ix_(rows, rows)]
+            if np.all(np.isfinite(block)):
+                factor = np.linalg.cholesky(block)
+                back = solve_triangular(factor, np.eye(len(rows)), lower=True)
+            else:
+                factor = back = np.tril(np.full(block.shape, np.nan))
+            lower.append((rows, factor))
+            inverse.append((rows, back))
+        size, nothing = len(scatter), np.zeros((len(scatter), 0))
+        roots = _sparse(lower, size), _sparse(inverse, size)
+        return cls(*roots, nothing, np.zeros(0)).sharing(shared)
 
     def sharing(self, shared: Floats) -> "Whitening":
         """Return the whitening for the same scatter and a different shared part, (n, r)."""
@@ -127,23 +135,6 @@ class Whitening:
         along = (stretch - 1.0) * (self.basis.T @ columns).T
         turned: Floats = columns + self.basis @ along.T
         return turned
-
-
-def _blocks(scatter: Floats) -> tuple[csr_array, csr_array]:
-    """Return the Cholesky factor of a covariance, block by block, and its inverse."""
-    count, member = connected_components(csr_array(scatter != 0.0), directed=False)
-    lower, inverse = [], []
-    order = np.argsort(member, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(member[order])) + 1) if count else ():
-        block = scatter[np.ix_(rows, rows)]
-        if np.all(np.isfinite(block)):
-            factor = np.linalg.cholesky(block)
-            back = solve_triangular(factor, np.eye(len(rows)), lower=True)
-        else:
-            factor = back = np.tril(np.full(block.shape, np.nan))
-        lower.append((rows, factor))
-        inverse.append((rows, back))
-    return _sparse(lower, len(scatter)), _sparse(inverse, len(scatter))
 
 
 def _sparse(blocks: list[tuple[NDArray[np.intp], Floats]], size: int) -> csr_array:
@@ -234,12 +225,8 @@ class Linear:
         f + X (θ − mode) with the simulated errors and specimen deviations, since the observed data,
         unlike these, are those about which the model was linearised.
 
-        Parameters
-        ----------
-        vectors : array, shape (k, n_parameters)
-            θ, the draws.
-        simulated : array, shape (k, n)
-            Data sets at these draws; nan where the model had no answer.
+        Data sets (k, n) are those at the draws θ (k, n_parameters); nan where the model had no
+        answer.
         """
         errors = simulated - self.subject.expected(vectors)
         straight: Floats = self.prediction + (vectors - self.mode) @ self.jacobian.T + errors
@@ -264,24 +251,15 @@ def linearise(
 ) -> Linear:
     """Linearise a model of readings at its mode, or at any point.
 
-    Parameters
-    ----------
-    subject : JointModel
-        The model.
-    mode : array, shape (n_parameters,)
-        Its mode.
-    uncertain : array, shape (n_parameters, n_parameters), optional
-        Λ⁻¹ if it is known already, see `rest_law`.
-    centre : array, shape (n_parameters,), optional
-        Mean of the parameters given all but the readings. By default that of the normal law whose
-        slope at the mode is the one there: δ₀ = Λ⁻¹ ∇ ln p. Laws of few replicates have heavy
-        tails; where the readings have moved a parameter into one, it pulls back less than a
-        normal law of their width.
+    `uncertain` is Λ⁻¹ if it is known already, see `rest_law`. `centre` is the mean of the
+    parameters given all but the readings, by default that of the normal law whose slope at the mode
+    is the one there: δ₀ = Λ⁻¹ ∇ ln p. Laws of few replicates have heavy tails; where the readings
+    have moved a parameter into one, it pulls back less than a normal law of their width.
     """
     prediction = subject.expected(mode[None])[0]
     jacobian = jacobian_of(subject, mode)
     if uncertain is None:
-        uncertain = rest_covariance(subject, mode)
+        uncertain = rest_law(subject, mode)[1]
     scatter = subject.scatter(mode)
     # non-finite values where the model cannot be evaluated, see `is_known`
     whitening = Whitening.of(scatter, jacobian @ rooted(uncertain))
@@ -300,11 +278,6 @@ def rooted(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariance)
     root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
-
-
-def rest_covariance(subject: JointModel, start: Floats) -> Floats:
-    """Return Λ⁻¹, the covariance of the parameters given priors and all other data."""
-    return rest_law(subject, start)[1]
 
 
 def rest_law(subject: JointModel, start: Floats) -> tuple[Floats, Floats]:
@@ -329,12 +302,7 @@ def with_prior_moments(
 ) -> tuple[Floats, Floats]:
     """Return mean and Λ⁻¹ of an extended model, with priors for the added parameters.
 
-    Parameters
-    ----------
-    mean, covariance : array, shape (n_parameters,) and (n_parameters, n_parameters)
-        Those of the smaller model, on the sampler's scale.
-    density, extended : Density
-        The smaller model, and the one with more parameters.
+    On the sampler's scale.
     """
     known = {name: i for i, name in enumerate(density.table.names)}
     rows = [known.get(name, -1) for name in extended.table.names]
@@ -379,14 +347,8 @@ def is_seen(columns: Floats) -> NDArray[np.bool_]:
 def effects(linear: Linear, cause: Cause, sizes: Floats) -> Floats:
     """Return whitened changes of the readings for these sizes of a cause, (k, n).
 
-    Parameters
-    ----------
-    linear : Linear
-        Without the cause.
-    cause : Cause
-        What acts.
-    sizes : array, shape (k, n_parameters of the cause)
-        On the unconstrained scale. Where the model refuses a size the change is nan.
+    Sizes (k, n_parameters of the cause) are on the unconstrained scale. Where the model refuses one
+    the change is nan.
     """
     extended = linear.subject.extended(cause)
     neutral = with_neutral(linear.mode, linear.subject, extended)
@@ -454,9 +416,17 @@ def jacobian_of(subject: JointModel, mode: Floats, step: float = 1e-3) -> Floats
     """Central differences; one-sided if the other side is outside the forward map's range."""
     size = len(mode)
     around = mode + step * np.vstack([np.zeros(size), np.eye(size), -np.eye(size)])
-    curves = subject.expected(around)
-    here, forth, back = curves[0], curves[1 : size + 1], curves[size + 1 :]
+    return differences(subject.expected(around), step)
+
+
+def differences(curves: Floats, step: float) -> Floats:
+    """Return central differences (n, k) of curves (1 + 2 k, n) at, above and below a point.
+
+    One-sided where a curve is nan.
+    """
+    half = len(curves) // 2
+    here, forth, back = curves[0], curves[1 : half + 1], curves[half + 1 :]
     width = step * (np.isfinite(forth).astype(float) + np.isfinite(back))
     change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)
-    jacobian: Floats = (change / np.maximum(width, step)).T
-    return jacobian
+    slopes: Floats = (change / np.maximum(width, step)).T
+    return slopes

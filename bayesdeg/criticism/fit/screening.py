@@ -38,6 +38,7 @@ from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import (
     Linear,
     columns_of,
+    differences,
     effects,
     is_seen,
     neutral_sizes,
@@ -130,12 +131,7 @@ def _local(linear: Linear, cause: Cause, size: Floats, units: Floats) -> tuple[F
     """Return the effect at a size and its derivative in prior sizes, (n,) and (n, k)."""
     step = STEP * np.diag(units)
     found = effects(linear, cause, np.vstack([size, size + step, size - step]))
-    count = len(units)
-    here, forth, back = found[0], found[1 : count + 1], found[count + 1 :]
-    width = STEP * (np.isfinite(forth).astype(np.float64) + np.isfinite(back))
-    change = np.where(np.isfinite(forth), forth, here) - np.where(np.isfinite(back), back, here)
-    columns = change / np.maximum(width, STEP)
-    return np.nan_to_num(here), np.nan_to_num(columns.T)
+    return np.nan_to_num(found[0]), np.nan_to_num(differences(found, STEP))
 
 
 def _climbed(linear: Linear, cause: Cause, size: Floats, units: Floats) -> tuple[Floats, bool]:
@@ -194,9 +190,8 @@ def _widening(linear: Linear, one: Screened) -> float:
     where = columns_of(extended, cause)
     neutral = neutral_sizes(cause)
     point[where] = np.where(np.isin(np.arange(len(size)), wide), neutral, size)
-    units = np.array([prior_size(p) for p in one.cause.parameters])
-    from_neutral: Floats = (one.size - neutral_sizes(one.cause)) / units
-    offset = columns @ from_neutral
+    units = np.array([prior_size(p) for p in cause.parameters])
+    offset = columns @ ((size - neutral) / units)
     residual = linear.whitening.coloured(linear.observed - one.effect + offset)
     own = linear.whitening.coloured(columns)
     scatter = extended.scatter(point)
@@ -277,16 +272,17 @@ class JointScreening:
     def of(cls, observed: Floats, screened: Sequence[Screened]) -> "JointScreening":
         """Combine screened causes on the scale on which they were screened.
 
-        Parameters
-        ----------
-        observed : array, shape (n,)
-            The whitened data.
-        screened : sequence of Screened
-            Those that do not change the readings are left out.
+        Those that do not change the readings are left out.
         """
         acting = [one for one in screened if np.any(one.columns)]
         widest = max((one.columns.shape[1] for one in acting), default=1)
-        rows = [_in_units(one, widest) for one in acting]
+        rows = []
+        for one in acting:  # sizes and bounds in prior sizes from neutral
+            units = np.array([prior_size(p) for p in one.cause.parameters])
+            ends = (one.size, *bounds(ParameterTable(one.cause.parameters)))
+            size, low, high = ((end - neutral_sizes(one.cause)) / units for end in ends)
+            wide = _padded(size, widest), _padded(low, widest, -np.inf)
+            rows.append((*wide, _padded(high, widest, np.inf)))
         sizes, low, high = (np.array([row[k] for row in rows]) for k in range(3))
         columns = [_padded(one.columns.T, widest).T for one in acting]
         rest = [
@@ -298,19 +294,10 @@ class JointScreening:
 
     @classmethod
     def at(cls, linear: Linear, screened: Sequence[Screened], scatter: Floats) -> "JointScreening":
-        """Combine causes screened on a model, with a different scatter.
+        """Combine causes screened on a model, with a different scatter V, (n, n).
 
         A model that lacks two causes widens its errors until both look small; with the scatter of
         the model found so far they do not.
-
-        Parameters
-        ----------
-        linear : Linear
-            With which they were screened.
-        screened : sequence of Screened
-            The causes.
-        scatter : array, shape (n, n)
-            V of specimens and errors.
         """
         other = linear.with_scatter(scatter)
         if not other.is_known:
@@ -347,10 +334,7 @@ class JointScreening:
     def factors(self, sets: Places) -> Floats:
         """Return log Bayes factors of sets against none [nats], (n_sets,).
 
-        Parameters
-        ----------
-        sets : array, shape (n_sets, size)
-            Of places in `causes`, each set of distinct ones.
+        The sets (n_sets, size) are of distinct places in `causes`.
         """
         if not len(sets):
             return np.zeros(0)
@@ -399,12 +383,8 @@ class JointScreening:
 def largest_by_chance(whitened: Floats, columns: Sequence[Floats]) -> Floats:
     """Return the log Bayes factor of the best pair of causes in each data set [nats], (k,).
 
-    Parameters
-    ----------
-    whitened : array, shape (k, n)
-        Data without an effect.
-    columns : sequence of array, shape (n, p)
-        Changes of the readings by each cause for one prior size of each of its parameters.
+    The data (k, n) are whitened and without an effect; columns (n, p) are the changes of the
+    readings by each cause for one prior size of each of its parameters.
 
     Examples
     --------
@@ -426,19 +406,6 @@ def largest_by_chance(whitened: Floats, columns: Sequence[Floats]) -> Floats:
         gain = np.einsum("ki,ij,kj->k", z, np.linalg.inv(inner), z)
         largest = np.maximum(largest, 0.5 * (gain - np.linalg.slogdet(inner)[1]))
     return largest
-
-
-def _in_units(one: Screened, width: int) -> tuple[Floats, Floats, Floats]:
-    """Return the size of a cause and the bounds of its prior, in prior sizes from neutral."""
-    units = np.array([prior_size(p) for p in one.cause.parameters])
-    neutral = neutral_sizes(one.cause)
-    ends = bounds(ParameterTable(one.cause.parameters))
-    low, high = ((end - neutral) / units for end in ends)
-    return (
-        _padded((one.size - neutral) / units, width),
-        _padded(low, width, -np.inf),
-        _padded(high, width, np.inf),
-    )
 
 
 def _padded(rows: Floats, width: int, value: float = 0.0) -> Floats:

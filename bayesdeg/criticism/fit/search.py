@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of, is_clear
-from bayesdeg.criticism.checks.discrepancy import Misfit, measure, resolved
+from bayesdeg.criticism.checks.discrepancy import Misfit, answered, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.screening import JointScreening, Screened, largest_by_chance, screen
-from bayesdeg.criticism.fit.side_by_side import apply
+from bayesdeg.criticism.fit.side_by_side import apply, in_order
 from bayesdeg.criticism.fit.trials import (
     DECIDING,
     SETTLING,
@@ -98,15 +98,7 @@ class Step:
     def chance_of(self, log_bayes_factor: float) -> float | None:
         """Return the p-value of the best cause's gain if nothing acts, (1 + #)/(1 + k).
 
-        Parameters
-        ----------
-        log_bayes_factor : float
-            Of a set with one more cause against this one [nats].
-
-        Returns
-        -------
-        float or None
-            None if no data were simulated.
+        None if no data were simulated.
         """
         if not len(self.chance):
             return None
@@ -213,7 +205,7 @@ class Search:
         simulated = simulate(self.effort.replicates)
         misfit = resolved(measure(linear, simulated), linear, simulate, most=self.effort.most)
         others = [cause for cause in self.causes if cause.name not in names]
-        known = simulated[np.all(np.isfinite(simulated), axis=1)]
+        known = answered(simulated)
         jobs = [(c, self._seed(names | {c.name}, 2)) for c in others]
         found = apply(partial(_screened, trial), jobs, self.executor)
         screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
@@ -244,8 +236,7 @@ class Search:
             count = len(step.chance)
             generator = np.random.default_rng(self._seed(names, 3 + count))
             more = max(min(count, self.effort.most - count), 0)
-            simulated = _simulated(step.trial, generator, more)
-            known = simulated[np.all(np.isfinite(simulated), axis=1)]
+            known = answered(_simulated(step.trial, generator, more))
             others = [cause for cause in self.causes if cause.name not in names]
             gains = factors_by_chance(step.trial.linear, others, known)
             if not len(gains):
@@ -275,8 +266,8 @@ class Search:
         step, wanted = self.step(parent), list(additions)
         missing = [name for name in wanted if parent | {name} not in self.trials]
         jobs = [(*step.guess(name), self._seed(parent | {name})) for name in missing]
-        run = map if self.executor is None else self.executor.map
-        for name, trial in zip(missing, run(partial(_fitted, step.trial), jobs), strict=True):
+        fitted = in_order(partial(_fitted, step.trial), jobs, self.executor)
+        for name, trial in zip(missing, fitted, strict=True):
             self.trials[parent | {name}] = trial
             if self.on_fit is not None:
                 self.on_fit(" and ".join(sorted(parent | {name})))
@@ -285,11 +276,8 @@ class Search:
     def fit_sets(self, guesses: Mapping[Names, Mapping[str, Floats]]) -> None:
         """Fit sets starting from their largest fitted subset, without those in between.
 
-        Parameters
-        ----------
-        guesses : mapping
-            Of each set the sizes at which the fit of each cause begins, by name; by default those
-            that screening found for each alone.
+        The guesses are the sizes at which the fit of each cause of a set begins; by default those
+        that screening found for each alone.
         """
         own = {cause.name: cause for cause in self.causes}
         missing = [names for names in guesses if names not in self.trials]
@@ -305,9 +293,9 @@ class Search:
                     size = self.step(self.base.names).guess(name)[1]
                 jobs.append((own[name], size, self._seed(reached)))
             ways.append((self.trials[known], jobs))
-        run = map if self.executor is None else self.executor.map
-        for names, fitted in zip(missing, run(_fitted_in_turn, ways), strict=True):
-            for trial in fitted:
+        fitted = in_order(_fitted_in_turn, ways, self.executor)
+        for names, trials in zip(missing, fitted, strict=True):
+            for trial in trials:
                 self.trials.setdefault(trial.names, trial)
             if self.on_fit is not None:
                 self.on_fit(" and ".join(sorted(names)))
@@ -355,37 +343,20 @@ class Search:
 
 
 def _simulated(trial: CandidateFit, generator: np.random.Generator, count: int) -> Floats:
-    """Return data sets simulated from a fitted model, (count, n_readings)."""
-    draws = _as_refitted(trial.linear, trial.draws(generator, count))
-    return trial.linear.straightened(draws, trial.subject.simulated(draws, generator))
+    """Return data sets simulated from a fitted model, (count, n_readings).
 
-
-def _as_refitted(linear: Linear, draws: Floats) -> Floats:
-    """Return draws with parameters that do not move the mean fixed at the mode, (k, n_parameters).
-
-    The errors of data simulated at a draw would be re-estimated from them, and the statistics use
-    estimated errors.
+    Parameters that do not move the mean are fixed at the mode: errors of data simulated at a draw
+    would be re-estimated from them, and the statistics use estimated errors.
     """
-    moves = is_seen(linear.whiten_columns(linear.jacobian))
-    return np.where(moves, draws, linear.mode)
+    linear, draws = trial.linear, trial.draws(generator, count)
+    draws = np.where(is_seen(linear.whiten_columns(linear.jacobian)), draws, linear.mode)
+    return linear.straightened(draws, trial.subject.simulated(draws, generator))
 
 
 def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:
     """Return the largest log Bayes factor of all causes in each data set without an effect, (k,).
 
-    Parameters
-    ----------
-    linear : Linear
-        The model without the effect.
-    causes : iterable of Cause
-        All that are tried: the largest factor counts.
-    replicates : array, shape (k, n_readings)
-        Data simulated from the model.
-
-    Returns
-    -------
-    array
-        [nats]; empty where there is no cause or no data set.
+    Of the data sets (k, n_readings); empty where there is no cause or no data set.
     """
     whitened = linear.whiten(replicates)
     factors = [log_bayes_factor(whitened, sensitivities(linear, cause)) for cause in causes]
@@ -399,10 +370,7 @@ def naming_threshold(chance: Floats) -> float:
 
     Chance reaches it in 5 % of data sets.
 
-    Parameters
-    ----------
-    chance : array, shape (k,)
-        What the best cause reaches in data sets without an effect, `factors_by_chance`.
+    `chance` (k,) is what the best cause reaches without an effect, as of `factors_by_chance`.
     """
     if not len(chance):
         return LEAST_FACTOR
@@ -576,16 +544,8 @@ def _ensure(search: Search, names: Names) -> None:
 class RankedSet:
     """A set of causes on the linear scale.
 
-    Parameters
-    ----------
-    names : frozenset of str
-        The causes.
-    log_bayes_factor : float
-        Against the base model [nats].
-    score : float
-        That less ln of the number of sets as large [nats].
-    sizes : mapping of str to array
-        Most probable sizes in it, on the unconstrained scale.
+    `score` is its log Bayes factor against the base model less ln of the number of sets as large
+    [nats]; sizes are the most probable ones on the unconstrained scale, by name.
     """
 
     names: Names

@@ -1,6 +1,6 @@
 """Parallel work on many items in parts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from functools import partial
 
@@ -12,14 +12,9 @@ def apply[T, Result](
 ) -> list[Result]:
     """Return the work on each item, in order.
 
-    Parameters
-    ----------
-    work : callable
-        Of a module, or a partial of one: what it holds goes to a process once a part.
-    items : sequence
-        One after another they are dealt out to the parts.
-    executor : Executor, optional
-        Does the parts side by side; by default they are done here.
+    The work is a function of a module, or a partial of one: what that holds goes to a process once
+    a part. Items are dealt out to the parts one after another. Without an executor the parts are
+    done here.
 
     Examples
     --------
@@ -27,9 +22,15 @@ def apply[T, Result](
     [3, 2, 1, 0, 5]
     """
     parts = [list(items[k::PARTS]) for k in range(min(PARTS, len(items)))]
-    run = map if executor is None else executor.map
-    done = list(run(partial(_each, work), parts))
+    done = list(in_order(partial(_each, work), parts, executor))
     return [done[k % PARTS][k // PARTS] for k in range(len(items))]
+
+
+def in_order[T, Result](
+    work: Callable[[T], Result], items: Iterable[T], executor: Executor | None = None
+) -> Iterator[Result]:
+    """Yield the work on each item, in order; an executor begins with all of them at once."""
+    return map(work, items) if executor is None else executor.map(work, items)
 
 
 def later[Result](

@@ -135,16 +135,7 @@ def try_causes(
 ) -> CandidateFit:
     """Fit a model extended by one more cause: mode and importance sample.
 
-    Parameters
-    ----------
-    parent : CandidateFit
-        Without the cause.
-    cause : Cause
-        What is added.
-    size : array, shape (k,)
-        Guess of its parameters on the unconstrained scale.
-    generator : Generator
-        Draws the proposals.
+    `size` (k,) is a guess of its parameters on the unconstrained scale.
     """
     subject = parent.subject.extended(cause)
     starts = _starts(parent, subject, cause, size)
@@ -246,10 +237,7 @@ def from_prior(
 ) -> Evidence:
     """Average the likelihood ratio over a model's posterior and the prior of one more cause.
 
-    Returns
-    -------
-    Evidence
-        Its log evidence is the log Bayes factor against the parent.
+    Its log evidence is the log Bayes factor against the parent.
     """
     known = parent.draws(generator, draws)
     points = with_sizes(parent.subject, cause, known, generator)
@@ -263,21 +251,7 @@ def with_sizes(
 ) -> Floats:
     """Extend draws of a model by prior sizes of one more cause.
 
-    Parameters
-    ----------
-    subject : JointModel
-        Without the cause.
-    cause : Cause
-        What is added.
-    known : array, shape (n, n_parameters)
-        Draws from the posterior without it.
-    generator : Generator
-        Draws the sizes.
-
-    Returns
-    -------
-    array
-        Vectors of the extended model.
+    Draws (n, n_parameters) of the posterior without the cause become vectors of the extended model.
     """
     base = dict(zip(subject.table.names, known.T, strict=True))
     prior = {

@@ -59,17 +59,7 @@ def gain_table(subject: JointModel, results: dict[str, HeldOut]) -> pd.DataFrame
 def mode_table(subject: JointModel, results: dict[str, HeldOut]) -> pd.DataFrame:
     """Return the scores of each model by mode of tension, each predicted from the others.
 
-    Parameters
-    ----------
-    subject : JointModel
-        With films, of which whole modes are held out.
-    results : mapping
-        As in `gain_table`.
-
-    Returns
-    -------
-    DataFrame
-        The columns of ``gain_modes.csv``. A mode is one group, so there is no standard error.
+    The columns of ``gain_modes.csv``. A mode is one group, so there is no standard error.
     """
     base = next(iter(results.values()))
     rows = [
@@ -119,10 +109,12 @@ def _scores(
     rows = rows & (subject.places.kind == kind)
     observed, draws, mean = subject.observed[rows], held_out.draws[:, rows], held_out.mean[rows]
     ending = UNITS.get(str(kind), "")
+
+    def coverage(share: float) -> float:
+        low, high = np.nanquantile(draws, [0.5 - share / 2, 0.5 + share / 2], axis=0)
+        return float(np.mean((observed >= low) & (observed <= high)))
+
     # of the first kind of reading that is held out; the columns of curvature are always there
-    scores: dict[str, object] = {"rmse_per_m": np.nan, "crps_per_m": np.nan}
-    if ending == "_per_m":
-        scores = {}
     return {
         "model": name,
         "degradation_pct": label,
@@ -130,18 +122,14 @@ def _scores(
         "elpd_se": standard_error(held_out.log_density[chosen]),
         "elpd_diff": float(np.sum(gap)),
         "elpd_diff_se": standard_error(gap),
-        **scores,
+        "rmse_per_m": np.nan,
+        "crps_per_m": np.nan,
         f"rmse{ending}": float(np.sqrt(np.mean((observed - mean) ** 2))),
         f"crps{ending}": float(np.mean(crps(np.nan_to_num(draws), observed))),
         "r_squared": r_squared(observed, mean),
-        "coverage_50": _coverage(draws, observed, 0.5),
-        "coverage_90": _coverage(draws, observed, 0.9),
+        "coverage_50": coverage(0.5),
+        "coverage_90": coverage(0.9),
     }
-
-
-def _coverage(draws: Floats, observed: Floats, share: float) -> float:
-    low, high = np.nanquantile(draws, [0.5 - share / 2, 0.5 + share / 2], axis=0)
-    return float(np.mean((observed >= low) & (observed <= high)))
 
 
 GRID = np.arange(1, 40) / 40.0
@@ -230,7 +218,10 @@ def loo_pit(draws: Floats, observed: Floats) -> LooPit:
     """
     known = draws[np.all(np.isfinite(draws), axis=1)]
     if len(known) < FEWEST or not len(observed):
-        return _unavailable(len(known), draws)
+        readings, nothing = np.full(draws.shape[1], np.nan), np.full(len(GRID), np.nan)
+        nan, replicates = float("nan"), len(known) if len(readings) else 0
+        curves = (readings, GRID, nothing, nothing, nothing)
+        return LooPit(*curves, nan, Scatter.NOT_KNOWN, nan, replicates, drawn=len(draws))
     ordered = np.sort(known, axis=0)
     columns = zip(ordered.T, observed, strict=True)
     below = np.array([np.searchsorted(column, value) for column, value in columns])
@@ -262,11 +253,6 @@ def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
 
     Columns: ``model``, ``probability``, ``difference``, ``low``, ``high``, ``p_value`` and
     ``replicates``, the last two the same in all rows of a model.
-
-    Parameters
-    ----------
-    models : mapping of str to LooPit
-        By their names, such as ``base`` and ``final``.
     """
     parts = [
         pd.DataFrame(
@@ -283,15 +269,6 @@ def frame(models: Mapping[str, LooPit]) -> pd.DataFrame:
         for name, one in models.items()
     ]
     return pd.concat(parts, ignore_index=True)
-
-
-def _unavailable(known: int, draws: Floats) -> LooPit:
-    readings, nothing = np.full(draws.shape[1], np.nan), np.full(len(GRID), np.nan)
-    unknown = float("nan")
-    scatter, known = Scatter.NOT_KNOWN, known if len(readings) else 0
-    return LooPit(
-        readings, GRID, nothing, nothing, nothing, unknown, scatter, unknown, known, len(draws)
-    )
 
 
 def _differences(pit: Floats) -> Floats:

@@ -20,12 +20,14 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from bayesdeg.criticism.fit.side_by_side import in_order
 from bayesdeg.criticism.holdout.held_out import (
     FEWEST,
     LARGEST_K,
@@ -50,21 +52,11 @@ NO_MEAN = 1.0  # shape of the weights' tail above which their mean is meaningles
 STEPS = 200  # most iterations of the bridge's fixed point
 
 
-@dataclass(frozen=True)
-class LeftOutPrediction:
-    """Log predictive density of a held-out specimen.
-
-    Parameters
-    ----------
-    log_density, error : float
-        Estimate and its Monte Carlo standard error.
-    effective : float
-        Effective number of draws that it rests on.
-    """
+class LeftOutPrediction(NamedTuple):
+    """Log predictive density of a held-out specimen, and its Monte Carlo standard error."""
 
     log_density: float
     error: float
-    effective: float
 
 
 def predict_left_out(
@@ -83,22 +75,9 @@ def predict_left_out(
     that one about the mode misses. If it performs badly, or the draws do not suffice, the model is
     calibrated again from its mode.
 
-    Parameters
-    ----------
-    model : JointModel
-        With all specimens.
-    specimen : str
-        Which one is left out.
-    draws : array, shape (n, n_parameters)
-        Posterior given all specimens.
-    log_weights : array, shape (n,)
-        Log importance weights that take the specimen out, as far as they can.
-    effective : float
-        Effective number of the draws.
-    reached : bool
-        Whether the draws reach where the posterior without the specimen lies.
-    seed : SeedSequence
-        Everything random comes from it.
+    The weighted draws are those of the posterior given all specimens, with weights that take the
+    specimen out as far as they can; `reached` says whether they reach where the posterior without
+    it lies.
     """
     training = without(model, [specimen])
     testing = without(model, [name for name in blocks_of(model) if name != specimen])
@@ -129,10 +108,8 @@ def predict_left_out(
         whole = about_mode(model, top, generator)
         wide = float(np.hypot(whole.error, posterior.error))
         if wide < error:
-            return LeftOutPrediction(
-                whole.log_evidence - posterior.log_evidence, wide, posterior.effective
-            )
-    return LeftOutPrediction(density, error, posterior.effective)
+            return LeftOutPrediction(whole.log_evidence - posterior.log_evidence, wide)
+    return LeftOutPrediction(density, error)
 
 
 def bridge(
@@ -277,16 +254,7 @@ def leave_one_out(
     if its shape k shows that too few draws carry the weight, the model is calibrated again without
     that specimen.
 
-    Parameters
-    ----------
-    model, chain : JointModel, Chain
-        JointModel and its posterior.
-    seed : SeedSequence
-        A child for each refit.
-    executor : Executor, optional
-        Runs refits side by side.
-    on_refit : callable, optional
-        Called after each refit with the specimen's name.
+    `on_refit` is called after each refit with the specimen's name.
 
     Raises
     ------
@@ -312,12 +280,11 @@ def leave_one_out(
     refitted = ~(smooth.pareto_k <= threshold)
     rows = np.flatnonzero(refitted)
     jobs = zip(rows, seed.spawn(len(rows)), strict=True)
-    apply = map if executor is None else executor.map
     elpd, error = smooth.elpd.copy(), smooth.error.copy()
     reached = smooth.pareto_k < NO_MEAN
     work = [(names[row], smooth.log_weights[:, row], reached[row], child) for row, child in jobs]
     refit = partial(_refit, model, flat, relative * len(flat))
-    for row, found in zip(rows, apply(refit, work), strict=True):
+    for row, found in zip(rows, in_order(refit, work, executor), strict=True):
         elpd[row], error[row] = found.log_density, found.error
         if on_refit is not None:
             on_refit(names[row])

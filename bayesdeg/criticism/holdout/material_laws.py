@@ -76,12 +76,7 @@ class NoiseLevels(NamedTuple):
 class LevelFilms:
     """The films of a study, each with its level.
 
-    Parameters
-    ----------
-    curves : TensileCurves
-        What was read.
-    priors : mapping of str to Distribution
-        Priors of `NOISE`.
+    `priors` are those of `NOISE`.
     """
 
     curves: TensileCurves
@@ -145,14 +140,7 @@ class LevelFilms:
 class LawPoint(NamedTuple):
     """A law at coordinates: stresses [MPa] and their slopes.
 
-    Parameters
-    ----------
-    u : array, shape (n_levels, size)
-        Coordinates.
-    stress : array, shape (n_films, n_points)
-        f.
-    slope : array, shape (n_films, n_points, size)
-        J.
+    u (n_levels, size), f (n_films, n_points) and J (n_films, n_points, size).
     """
 
     u: Floats
@@ -184,14 +172,8 @@ class Products(NamedTuple):
 class FitStart(NamedTuple):
     """Start of a calibration.
 
-    Parameters
-    ----------
-    u : array, shape (n_levels, size)
-        Coordinates of the law.
-    z : array, shape (4,)
-        Noise, unconstrained.
-    inverse : array, shape (4, 4)
-        Inverse of the Hessian of the noise's log density, with its sign changed.
+    Coordinates (n_levels, size), noise z (4,), unconstrained, and the inverse of the Hessian of the
+    noise's log density, with its sign changed, (4, 4).
     """
 
     u: Floats
@@ -254,28 +236,26 @@ def _normal_equations(
     return matrix + np.eye(matrix.shape[-1]), vector
 
 
-def _log_evidence(films: LevelFilms, point: LawPoint, noise: NoiseLevels, weights: Floats) -> float:
-    """Return the log density of weighted films, with the law linear about a point."""
-    found = _products(films, point, noise)
-    u = point.u[films.member]
-    turned = np.einsum("fij,fj->fi", found.matrix, u)
-    square = found.square + np.sum(u * (2.0 * found.vector + turned), axis=-1)
-    precision, vector = _normal_equations(films, point, found, weights)
-    mean = np.linalg.solve(precision, vector[..., None])[..., 0]
-    explained = np.sum(vector * mean)
-    left = np.sum(weights * (found.log_det + square)) - explained
-    return -0.5 * float(left + np.sum(np.linalg.slogdet(precision)[1]))
-
-
 def _noise_of(films: LevelFilms, z: Floats) -> NoiseLevels:
     laws = (films.priors[name] for name in NOISE)
     return NoiseLevels(*(float(law.from_unconstrained(x)) for law, x in zip(laws, z, strict=True)))
 
 
 def _log_density(films: LevelFilms, point: LawPoint, z: Floats, weights: Floats) -> float:
-    """Return the log density of weighted films and of the noise, unconstrained, a priori."""
+    """Return the log density of weighted films and of the noise, unconstrained, a priori.
+
+    With the law linear about a point.
+    """
     noise = _noise_of(films, z)
-    found = _log_evidence(films, point, noise, weights)
+    products = _products(films, point, noise)
+    u = point.u[films.member]
+    turned = np.einsum("fij,fj->fi", products.matrix, u)
+    square = products.square + np.sum(u * (2.0 * products.vector + turned), axis=-1)
+    precision, vector = _normal_equations(films, point, products, weights)
+    mean = np.linalg.solve(precision, vector[..., None])[..., 0]
+    explained = np.sum(vector * mean)
+    left = np.sum(weights * (products.log_det + square)) - explained
+    found = -0.5 * float(left + np.sum(np.linalg.slogdet(precision)[1]))
     for name, x, value in zip(NOISE, z, noise, strict=True):
         law = films.priors[name]
         found += float(law.log_density(value) + law.log_jacobian(x))
@@ -388,16 +368,6 @@ def _from_all_starts(form: LawForm, films: LevelFilms) -> Calibrated:
     return found[int(np.argmax(densities))]
 
 
-def _predict(films: LevelFilms, fit: Calibrated, film: int) -> float:
-    """Return the log density of a held-out film."""
-    one = Products(*(part[film] for part in _products(films, fit.point, fit.noise)))
-    before = fit.precision[films.member[film]]
-    after = before + one.matrix
-    explained = one.vector @ np.linalg.solve(after, one.vector)
-    spread = np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]
-    return -0.5 * float(one.log_det + one.square - explained + spread)
-
-
 @dataclass(frozen=True)
 class FittedLaw:
     """A law fitted to the films of each level, and its predictions of held-out films.
@@ -432,23 +402,20 @@ class FittedLaw:
 
 
 def fit_law(form: LawForm, films: LevelFilms) -> FittedLaw:
-    """Fit a law to all films, and to all but one in turn.
-
-    Parameters
-    ----------
-    form : LawForm
-        The law.
-    films : LevelFilms
-        By their levels.
-    """
+    """Fit a law to all films, and to all but one in turn."""
     whole = _from_all_starts(form, films)
     elpd, error = np.full((2, len(films.member)), np.nan)
     for film in films.held_out:
         weights = np.ones(len(films.member))
         weights[film] = 0.0
         fold = _calibrate(form, films, weights, whole.end)
-        elpd[film] = _predict(films, fold, int(film))
         error[film] = _errors(films, fold.point)[film]
+        one = Products(*(part[film] for part in _products(films, fold.point, fold.noise)))
+        before = fold.precision[films.member[film]]
+        after = before + one.matrix
+        explained = one.vector @ np.linalg.solve(after, one.vector)
+        spread = np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]
+        elpd[film] = -0.5 * float(one.log_det + one.square - explained + spread)
     pairs = zip(whole.point.u, films.scale.tolist(), films.largest.tolist(), strict=True)
     constants = tuple(form.constants(*one) for one in pairs)
     return FittedLaw(
@@ -475,18 +442,8 @@ def _errors(films: LevelFilms, point: LawPoint) -> Floats:
 class LawComparison:
     """Comparison of laws.
 
-    Parameters
-    ----------
-    fits : tuple of FittedLaw
-        Each law once.
-    used : str
-        The law of the study's model.
-    level : array, shape (n_films,)
-        Degradation rate of each film's level [%].
-    readings : array, shape (n_films,)
-        Number of readings of each film.
-    modes : tuple of str
-        In which the films were loaded.
+    `used` is the law of the study's model; `level` [%] and `readings` (n_films,) are the
+    degradation rate of each film's level and its number of readings.
     """
 
     fits: tuple[FittedLaw, ...]
@@ -526,10 +483,10 @@ class LawComparison:
         return self.ranked[1] if self.best.name == self.used else self.by_name[self.used]
 
     def difference(
-        self, fit: FittedLaw, other: FittedLaw, rows: NDArray[np.bool_] | None = None
+        self, fit: FittedLaw, other: FittedLaw, rows: NDArray[np.bool_] | slice = slice(None)
     ) -> tuple[float, float]:
         """Return the gain in elpd of a law over another, and its standard error over films."""
-        gap = (fit.elpd - other.elpd)[slice(None) if rows is None else rows]
+        gap = (fit.elpd - other.elpd)[rows]
         gap = gap[np.isfinite(gap)]
         return float(np.sum(gap)) if len(gap) else float("nan"), standard_error(gap)
 
@@ -602,20 +559,8 @@ def compare_laws(
 ) -> LawComparison:
     """Fit each law to the films, and predict each film from the others of its level.
 
-    Parameters
-    ----------
-    curves : TensileCurves
-        Stress–stretch curves of the films.
-    priors : mapping of str to Distribution
-        Those of the parameters in `NOISE`.
-    used : str
-        The law of the study's model.
-    names : sequence of str
-        Laws to be compared, ``used`` among them.
-
-    Returns
-    -------
-    LawComparison
+    `priors` are those of the parameters in `NOISE`; `names` are laws, with the one of the study's
+    model, `used`.
 
     References
     ----------

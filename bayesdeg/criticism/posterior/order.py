@@ -72,15 +72,7 @@ class OrderFit:
 
 @dataclass(frozen=True)
 class OrderComparison:
-    """Comparison of orders.
-
-    Parameters
-    ----------
-    fits : tuple of OrderFit
-        By rising order.
-    used : int
-        The order of the study's model.
-    """
+    """Comparison of orders, by rising order; `used` is that of the study's model."""
 
     fits: tuple[OrderFit, ...]
     used: int
@@ -172,22 +164,8 @@ def compare_orders(
 ) -> OrderComparison | None:
     """Calibrate the films of a model under several orders.
 
-    Parameters
-    ----------
-    model : JointModel
-        With the study's films and priors; its actuators are left aside.
-    seed : SeedSequence
-        Everything random comes from it.
-    orders : tuple of int
-        To compare with the order of the model.
-    executor : Executor, optional
-        Calibrates orders side by side.
-
-    Returns
-    -------
-    OrderComparison or None
-        None without films, or where the films have too few degradation rates to tell two orders
-        apart.
+    Orders are compared with that of the model, whose actuators are left aside. None without films,
+    or where the films have too few degradation rates to tell two orders apart.
     """
     if not model.of_kind(Tensile):
         return None
@@ -251,19 +229,7 @@ def leave_films_out(
     and :math:`\ln p(y_i \mid y_{-i}) = \ln p(y) - \ln p(y_{-i})`: averaged over the posterior
     without it, p(y_i | θ) of a film far from the others would rest on few draws.
 
-    Parameters
-    ----------
-    films : JointModel
-        With all films.
-    posterior : Evidence
-        Importance sample of its posterior.
-    seed : SeedSequence
-        A child for each film.
-
-    Returns
-    -------
-    elpd, pareto_k, refitted : array, shape (n_films,)
-        As in `OrderFit`.
+    Returns elpd, pareto_k and refitted of `OrderFit`; the seed has a child for each film.
 
     References
     ----------

@@ -32,12 +32,7 @@ ALPHAS = (0.99, 1.01)
 class Scaling:
     """Weights of stored draws for a part of the log density scaled slightly down and up.
 
-    Parameters
-    ----------
-    log_density : array, shape (n_chains, n_draws)
-        The part.
-    lower, upper : array, shape (n_chains, n_draws)
-        Weights that sum to 1.
+    All (n_chains, n_draws); the weights down and up each sum to 1.
     """
 
     log_density: Floats
@@ -57,13 +52,6 @@ class Scaling:
 
 def power_scaling(draws: Floats, scaling: Scaling) -> float:
     """Return the change of a quantity's distribution per doubling of the power of a density.
-
-    Parameters
-    ----------
-    draws : array, shape (n_chains, n_draws)
-        Of the quantity.
-    scaling : Scaling
-        Of the density.
 
     Examples
     --------
@@ -104,17 +92,7 @@ def conclusions(model: JointModel, values: Named) -> dict[str, Floats]:
     C1 and the elongation limit without degradation and at the last node, the volume ratio, the
     stiffness of the paper, and the size of each active cause.
 
-    Parameters
-    ----------
-    model : JointModel
-        Those that it has no parameters for are left out.
-    values : mapping
-        Named values, (n,).
-
-    Returns
-    -------
-    dict
-        Each (n,), in the users' units.
+    In the users' units, each (n,); those that the model has no parameters for are left out.
     """
     found: dict[str, Floats] = {}
     if isinstance(model.world, FilmsAndActuators):
@@ -218,13 +196,7 @@ def noticeable(distance: float, noise: float) -> bool:
 
 @dataclass(frozen=True)
 class PriorSensitivity:
-    """Sensitivities of conclusions and parameters, conclusions first.
-
-    Parameters
-    ----------
-    rows : tuple of Sensitivity
-        One a quantity.
-    """
+    """Sensitivities of conclusions and parameters, conclusions first."""
 
     rows: tuple[Sensitivity, ...]
 
@@ -264,11 +236,6 @@ class PriorSensitivity:
 
 def prior_sensitivity(model: JointModel, chain: Chain) -> PriorSensitivity:
     """Return the sensitivities of conclusions and parameters, from stored draws.
-
-    Parameters
-    ----------
-    model, chain : JointModel, Chain
-        JointModel and its posterior.
 
     Notes
     -----
