@@ -432,8 +432,10 @@ def inline_svg(figure: Figure | str, name: str, *, description: str, virtual: bo
     """
     if virtual:
         description = f"{VIRTUAL}: {description}"
+    quoted = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    label = f'<svg role="img" aria-label="{quoted}"'
     if isinstance(figure, str):
-        labelled = figure.replace("<svg", f'<svg role="img" aria-label="{_quoted(description)}"', 1)
+        labelled = figure.replace("<svg", label, 1)
         return labelled.removesuffix("</svg>") + (_STAMP if virtual else "") + "</svg>"
     if virtual:
         stamp_virtual(figure)
@@ -450,7 +452,7 @@ def inline_svg(figure: Figure | str, name: str, *, description: str, virtual: bo
     svg = compact(svg)
     return re.sub(
         r'<svg (.*?)width="[^"]*" (.*?)height="[^"]*"',
-        rf'<svg role="img" aria-label="{_attribute(description)}" \1\2',
+        label.replace("\\", r"\\") + r" \1\2",
         svg,
         count=1,
         flags=re.DOTALL,
@@ -511,11 +513,3 @@ def _fewer_colours(picture: re.Match[str]) -> str:
     # the only way that keeps what is transparent
     drawn.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE).save(kept, "PNG", optimize=True)
     return start + base64.b64encode(kept.getvalue()).decode()
-
-
-def _attribute(text: str) -> str:
-    return _quoted(text).replace("\\", r"\\")
-
-
-def _quoted(text: str) -> str:
-    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")

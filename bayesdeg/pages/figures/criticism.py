@@ -348,15 +348,13 @@ def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:
             row["elpd_diff"], y, xerr=row["elpd_diff_se"], fmt="o", color=colour, markersize=5
         )
     axes.axvline(0.0, color=BASE_COLOUR, linewidth=1.2)
-    axes.set_yticks(place, [_added(str(model)) for model in extended["model"]])
+    added = [str(model).split("+") for model in extended["model"]]
+    names = ["\n".join(f"+ {words(one)}" for one in parts if one != BASE) for parts in added]
+    axes.set_yticks(place, names)
     axes.set_xlabel("gain in elpd over the base model ± se [–]")
     axes.margins(x=0.1, y=0.25)
     axes.grid(visible=False, axis="y")
     axes.set_title("gain in held-out prediction")
-
-
-def _added(model: str) -> str:
-    return "\n".join(f"+ {words(part)}" for part in model.split("+") if part != BASE)
 
 
 def _statistics(_: Shown, statistics: pd.DataFrame) -> Sketch | None:
