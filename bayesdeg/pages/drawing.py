@@ -21,7 +21,7 @@ from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pages.summaries import BASE, FINAL
 from bayesdeg.pages.surface import Surface
 from bayesdeg.pages.tables import TABLES, Tables
-from bayesdeg.pages.wording import filled, level_words
+from bayesdeg.pages.wording import filled, level_words, model_words
 from bayesdeg.quantities import axis_label
 
 VIRTUAL = "virtual experiment"
@@ -70,6 +70,7 @@ STYLE: dict[RcKeyType, Any] = {
     "text.color": INK,
     "figure.facecolor": "none",
     "figure.edgecolor": "none",
+    "figure.labelsize": 8.0,
     "savefig.facecolor": "none",
     "legend.frameon": False,
     "legend.fontsize": 8.0,
@@ -196,6 +197,18 @@ class PageFigure:
         return Drawing(self.name, svg, caption, self.half, files, self.section, self.title)
 
 
+def of_table(
+    name: str, draw: Callable[[Shown, pd.DataFrame], Sketch | None]
+) -> Callable[[Shown], Sketch | None]:
+    """Return a function for `PageFigure.draw` that draws a table, and nothing without it."""
+
+    def drawn(shown: Shown) -> Sketch | None:
+        table = shown.tables[name]
+        return None if table is None else draw(shown, table)
+
+    return drawn
+
+
 def rate_title(rate: float, *, degrades: bool) -> str:
     """Return the title of a panel of one degradation rate; empty if nothing degrades."""
     return f"{level_words(rate)} degradation" if degrades else ""
@@ -204,7 +217,7 @@ def rate_title(rate: float, *, degrades: bool) -> str:
 def label_rates(figure: Figure, every_axes: Sequence[Axes], *, degrades: bool) -> None:
     """Label horizontal axes of degradation rates; without degradation there is one position."""
     if degrades:
-        figure.supxlabel(axis_label("degradation_pct"), fontsize=8.0)
+        figure.supxlabel(axis_label("degradation_pct"))
         return
     for axes in every_axes:
         axes.set_xticks([])
@@ -288,11 +301,34 @@ def key(colour: str, *, marker: str = "", line: bool = True, dashed: bool = Fals
     return Line2D([], [], color=colour, marker=marker, linestyle=style, markersize=4)
 
 
+def hollow_key(colour: str) -> Line2D:
+    """Return an entry of a legend for open circles."""
+    entry = key(colour, marker="o", line=False)
+    entry.set(markerfacecolor=PAPER)
+    return entry
+
+
 def points_key() -> Line2D:
     """Return an entry of a legend for `points`."""
-    entry = key(INK, marker="o", line=False)
-    entry.set(markerfacecolor=PAPER, markeredgewidth=0.8)
+    entry = hollow_key(INK)
+    entry.set(markeredgewidth=0.8)
     return entry
+
+
+def area_key(colour: str = MUTED, *, width: float = 6, alpha: float = 0.3) -> Line2D:
+    """Return an entry of a legend for a filled area."""
+    entry = key(colour)
+    entry.set(linewidth=width, alpha=alpha)
+    return entry
+
+
+def model_keys(table: pd.DataFrame, *, marker: str = "", dashed: bool = False) -> dict[str, Line2D]:
+    """Return entries of a legend for the base and the final model, as far as a table has them."""
+    return {
+        model_words(model): key(colour, marker=marker, dashed=dashed)
+        for model, colour in COLOURS.items()
+        if (table["model"] == model).any()
+    }
 
 
 def band(axes: Axes, x: object, lower: object, upper: object, colour: str, alpha: float) -> None:
@@ -305,6 +341,20 @@ def band(axes: Axes, x: object, lower: object, upper: object, colour: str, alpha
         alpha=alpha,
         linewidth=0,
     )
+
+
+def quantile_bands(
+    axes: Axes,
+    along: str,
+    curve: pd.DataFrame,
+    colour: str,
+    alphas: tuple[float, float] = (0.18, 0.28),
+) -> None:
+    """Draw a median with its 90 % and 50 % bands of these alphas against the column ``along``."""
+    x = curve[along]
+    band(axes, x, curve["q05"], curve["q95"], colour, alphas[0])
+    band(axes, x, curve["q25"], curve["q75"], colour, alphas[1])
+    axes.plot(x, curve["q50"], color=colour)
 
 
 def intervals(axes: Axes, at: float, row: pd.Series, colour: str) -> None:
@@ -382,8 +432,10 @@ def inline_svg(figure: Figure | str, name: str, *, description: str, virtual: bo
     """
     if virtual:
         description = f"{VIRTUAL}: {description}"
+    quoted = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    label = f'<svg role="img" aria-label="{quoted}"'
     if isinstance(figure, str):
-        labelled = figure.replace("<svg", f'<svg role="img" aria-label="{_quoted(description)}"', 1)
+        labelled = figure.replace("<svg", label, 1)
         return labelled.removesuffix("</svg>") + (_STAMP if virtual else "") + "</svg>"
     if virtual:
         stamp_virtual(figure)
@@ -400,7 +452,7 @@ def inline_svg(figure: Figure | str, name: str, *, description: str, virtual: bo
     svg = compact(svg)
     return re.sub(
         r'<svg (.*?)width="[^"]*" (.*?)height="[^"]*"',
-        rf'<svg role="img" aria-label="{_attribute(description)}" \1\2',
+        label.replace("\\", r"\\") + r" \1\2",
         svg,
         count=1,
         flags=re.DOTALL,
@@ -461,11 +513,3 @@ def _fewer_colours(picture: re.Match[str]) -> str:
     # the only way that keeps what is transparent
     drawn.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE).save(kept, "PNG", optimize=True)
     return start + base64.b64encode(kept.getvalue()).decode()
-
-
-def _attribute(text: str) -> str:
-    return _quoted(text).replace("\\", r"\\")
-
-
-def _quoted(text: str) -> str:
-    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")

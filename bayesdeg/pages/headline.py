@@ -11,12 +11,13 @@ import pandas as pd
 
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.findings import Candidate
-from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
+from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.pages.record import ForwardMapEntry, VerdictRecord
 from bayesdeg.pages.summaries import BASE, Row, extended_model, pooled, rows_of
 from bayesdeg.pages.wording import (
     NOTHING,
     SPACE,
+    begun,
     fixed,
     listed,
     number,
@@ -34,7 +35,7 @@ BADGES = {
     Outcome.UNEXPLAINED: "Unexplained",
     Outcome.NOT_JUDGED: "Not judged",
 }
-SURE = 0.99999  # displayed as more than 99.9 %
+SURE = 0.99999  # largest probability shown, however it was rounded: more than 99.9 %
 
 
 @dataclass(frozen=True)
@@ -82,49 +83,62 @@ def headline_of(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Headline:
     '2.00 1/m'
     """
     facts = _facts(verdict, gain)
-    sentence = sentences("headline", "sentence", **facts)
     misfit = KeyNumber("Misfit of the base model", str(facts["size"]), _note("misfit", facts))
-    if not verdict.judged:
-        lede = tuple(filter(None, (*counts_of(verdict), first_sentence(verdict.explanation))))
-        return Headline(BADGES[verdict.outcome], sentence, (misfit,), lede)
-    numbers = (misfit, _certainty(verdict, facts), _gained(facts))
-    made = sentences("headline", "made", **facts)
-    of_readings, of_counts = (first_sentence(verdict.misfit.where), made), counts_of(verdict)
-    if facts["ruptures"]:
-        of_readings = of_readings[::-1]
-    both = (*of_counts, *of_readings) if facts["by_counts"] else (*of_readings, *of_counts)
-    lede = tuple(filter(None, both))
-    return Headline(BADGES[verdict.outcome], sentence, numbers, lede)
+    counted = counts_of(verdict)
+    if verdict.judged:
+        numbers = [misfit, _certainty(verdict, facts), _gained(facts)]
+        of_readings = [first_sentence(verdict.misfit.where), sentences("headline", "made", **facts)]
+        if facts["ruptures"]:
+            of_readings.reverse()
+        lede = [*counted, *of_readings] if facts["by_counts"] else [*of_readings, *counted]
+    else:
+        numbers, lede = [misfit], [*counted, first_sentence(verdict.explanation)]
+    said = sentences("headline", "sentence", **facts)
+    return Headline(BADGES[verdict.outcome], said, tuple(numbers), tuple(filter(None, lede)))
 
 
 def _facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> Mapping[str, object]:
     """Return the facts for the templates."""
     found = [verdict.candidate(cause) for cause in verdict.causes]
     fractions = [one.explained_fraction for one in found if one]
+    tested = map(verdict.candidate, verdict.predicted_with or verdict.causes)
+    passed = [one.naming_p_value for one in tested if one and one.naming_p_value]
+    of_counts = {name for one in verdict.rupture_counts for name in one.explained_by}
+    lists = [names for names in verdict.sets if len(names) > 1 and not of_counts & {*names}]
+    by_ruptures = _by_ruptures(verdict)
+    # curvatures; stresses or other readings where there are none
+    rms, noise, unit, kind = verdict.misfit.sizes
+    # errors on held-out specimens before and after; the gain in density where there are none
+    rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
+    extended = rows.get(extended_model(gain, verdict) or "", {})
+    after, gained = _error(extended, verdict.misfit.unit), ""
+    if extended and not after:
+        ends = (extended[name] for name in ("elpd_diff", "elpd_diff_se"))
+        gained = plus_minus(*(None if end is None else float(end) for end in ends), sign=True)
     return {
         "v": verdict,
         "SPACE": SPACE,
         "sized": _sized(verdict) if verdict.causes else "",
         "either": sentences("headline", "possible", v=verdict),
-        "first": _begun(verdict.causes[0]) if verdict.causes else "",
-        "beside": _beside(verdict),
+        "first": begun(words(verdict.causes[0])) if verdict.causes else "",
+        "beside": lists,
         "off_priors": fits_off_priors(verdict),
-        "by_counts": _by_counts(verdict) or _by_ruptures(verdict),
-        "ruptures": verdict.ruptures if _by_ruptures(verdict) else None,
+        "by_counts": by_ruptures or _by_counts(verdict),
+        "ruptures": verdict.ruptures if by_ruptures else None,
         "share": max((one for one in fractions if one is not None), default=None),
         "best": _best(verdict),
-        "directed": _directed(verdict),
+        "directed": max(passed, default=None),
         "unknown": bool(found) and all(one and one.probability is None for one in found),
         "among": any(one.probability is None for one in verdict.candidates),
-        **_misfit_facts(verdict),
-        **_gain_facts(verdict, gain),
+        "rms": rms,
+        "noise": noise,
+        "unit": unit,
+        "kind": kind,
+        "size": NOTHING if rms is None else _with_unit(fixed(rms), unit),
+        "before": _error(rows.get(BASE, {}), verdict.misfit.unit),
+        "after": after,
+        "gain": gained,
     }
-
-
-def _beside(verdict: VerdictRecord) -> tuple[tuple[str, ...], ...]:
-    """Return lists from each of which one cause acts besides the named ones."""
-    of_counts = {name for one in verdict.rupture_counts for name in one.explained_by}
-    return tuple(names for names in verdict.sets if len(names) > 1 and not of_counts & {*names})
 
 
 def sets_of(verdict: VerdictRecord) -> str:
@@ -154,7 +168,7 @@ def _by_counts(verdict: VerdictRecord) -> bool:
     """Return whether only rupture counts contradict the model."""
     found = [one for one in verdict.rupture_counts if one.contradicted]
     named = {name for one in found for name in one.explained_by}
-    return bool(found) and _readings_agree(verdict) and set(verdict.causes) <= named
+    return bool(found) and verdict.misfit.is_within_chance and set(verdict.causes) <= named
 
 
 def _by_ruptures(verdict: VerdictRecord) -> bool:
@@ -166,42 +180,11 @@ def _by_ruptures(verdict: VerdictRecord) -> bool:
         name in CATALOGUE and CATALOGUE[name].is_of_rupture_alone for name in verdict.causes
     )
     told = bool(verdict.causes) and silent and verdict.ruptures is not None
-    return told and _readings_agree(verdict)
-
-
-def _readings_agree(verdict: VerdictRecord) -> bool:
-    p_value = verdict.misfit.p_value
-    return p_value is not None and p_value > MISFIT_LEVEL
+    return told and verdict.misfit.is_within_chance
 
 
 def _note(of: str, facts: Mapping[str, object]) -> str:
     return sentences("headline", f"{of}_note", **facts)
-
-
-def _misfit_facts(verdict: VerdictRecord) -> dict[str, object]:
-    """Return the misfit of curvatures; of stresses or other readings where there are none."""
-    rms, noise, unit, kind = verdict.misfit.sizes
-    size = NOTHING if rms is None else _with_unit(fixed(rms), unit)
-    return {"rms": rms, "noise": noise, "unit": unit, "kind": kind, "size": size}
-
-
-def _gain_facts(verdict: VerdictRecord, gain: pd.DataFrame | None) -> dict[str, str]:
-    """Return errors on held-out specimens before and after; the gain where there are none."""
-    rows = {str(row["model"]): row for row in rows_of(pooled(gain))}
-    extended = rows.get(extended_model(gain, verdict) or "")
-    unit = verdict.misfit.unit
-    facts = {"before": _error(rows.get(BASE), unit), "after": _error(extended, unit), "gain": ""}
-    if extended is not None and not facts["after"]:
-        both = (_value(extended[name]) for name in ("elpd_diff", "elpd_diff_se"))
-        facts["gain"] = plus_minus(*both, sign=True)
-    return facts
-
-
-def _directed(verdict: VerdictRecord) -> float | None:
-    """Return the largest p-value of the test that names, over the causes that passed it."""
-    entries = (verdict.candidate(cause) for cause in verdict.predicted_with or verdict.causes)
-    found = (entry.naming_p_value for entry in entries if entry and entry.naming_p_value)
-    return max(found, default=None)
 
 
 def _best(verdict: VerdictRecord) -> Candidate | None:
@@ -216,20 +199,13 @@ def _certainty(verdict: VerdictRecord, facts: Mapping[str, object]) -> KeyNumber
         if best is None:
             return KeyNumber("Best candidate", NOTHING, note)
         return KeyNumber("Best candidate explains", percent(best.explained_fraction), note)
-    found = [verdict.candidate(cause) for cause in verdict.causes]
-    shown = [percent(_less_than_sure(entry.probability)) if entry else NOTHING for entry in found]
-    by_chance = verdict.outcome is Outcome.ADEQUATE or facts["unknown"]
-    value = (
-        p_value(verdict.misfit.p_value, verdict.misfit.replicates)
-        if by_chance
-        else " / ".join(shown)
-    )
+    if verdict.outcome is Outcome.ADEQUATE or facts["unknown"]:
+        value = p_value(verdict.misfit.p_value, verdict.misfit.replicates)
+    else:
+        found = [verdict.candidate(cause) for cause in verdict.causes]
+        known = [None if one is None else one.probability for one in found]
+        value = " / ".join(percent(None if one is None else min(one, SURE)) for one in known)
     return KeyNumber("How sure", value, _note("certainty", facts))
-
-
-def _less_than_sure(probability: float | None) -> float | None:
-    """Return a probability below 1, however it was rounded."""
-    return None if probability is None else min(probability, SURE)
 
 
 def _gained(facts: Mapping[str, object]) -> KeyNumber:
@@ -240,10 +216,10 @@ def _gained(facts: Mapping[str, object]) -> KeyNumber:
     return KeyNumber("Error on held-out specimens", ends or NOTHING, note)
 
 
-def _error(row: Row | None, other: str) -> str:
+def _error(row: Row, other: str) -> str:
     """Return the error of a row of the gain with its unit; empty where it has none."""
     for score, unit in (("rmse_per_m", "1/m"), ("rmse_MPa", "MPa"), ("rmse", other)):
-        if row is not None and row.get(score) is not None:
+        if row.get(score) is not None:
             return _with_unit(fixed(float(row[score] or 0.0)), unit)
     return ""
 
@@ -286,8 +262,7 @@ def size_of(verdict: VerdictRecord, cause: str, *, interval: bool) -> str:
 
 def fits_off_priors(verdict: VerdictRecord) -> bool:
     """Return whether the readings fit only with parameter values far outside their priors."""
-    p_value = verdict.misfit.p_value
-    return bool(verdict.parameters_in_question) and p_value is not None and p_value > MISFIT_LEVEL
+    return bool(verdict.parameters_in_question) and verdict.misfit.is_within_chance
 
 
 def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
@@ -301,14 +276,15 @@ def doubts_of(verdict: VerdictRecord) -> tuple[str, ...]:
     >>> doubts_of(VerdictRecord.read({"outcome": "adequate", "parameters_in_question": [question]}))
     ('Volume ratio is calibrated to 0.976 (α); 99.9 % of its prior lies between 0.390 and 0.850.',)
     """
-    suspects = (one.why for one in verdict.suspects)
-    asked = verdict.parameters_in_question
-    said = (sentences("headline", "in_question", one=one, SPACE=SPACE) for one in asked)
-    whole = verdict.with_suspects
-    facts = {"whole": whole, "v": verdict}
-    other = [] if whole is None else [sentences("headline", "with_suspects", **facts)]
-    own = () if verdict.forward_map is None else forward_map_words(verdict.forward_map)
-    return (*own, *suspects, *other, *said)
+    doubts = [one.why for one in verdict.suspects]
+    if verdict.forward_map is not None:
+        doubts = [*forward_map_words(verdict.forward_map), *doubts]
+    if verdict.with_suspects is not None:
+        facts = {"whole": verdict.with_suspects, "v": verdict}
+        doubts.append(sentences("headline", "with_suspects", **facts))
+    for one in verdict.parameters_in_question:
+        doubts.append(sentences("headline", "in_question", one=one, SPACE=SPACE))
+    return tuple(doubts)
 
 
 def forward_map_words(one: ForwardMapEntry) -> tuple[str, ...]:
@@ -335,13 +311,3 @@ def first_sentence(text: str) -> str:
     """
     first = re.split(r"(?:\.|;) ", text, maxsplit=1)[0]
     return first if not first or first.endswith(".") else f"{first}."
-
-
-def _begun(cause: str) -> str:
-    """Word a cause at the beginning of a sentence."""
-    name = words(cause)
-    return name[0].upper() + name[1:]
-
-
-def _value(cell: float | str | None) -> float | None:
-    return None if cell is None else float(cell)

@@ -1,6 +1,6 @@
 """Records that write, check and read ``verdict.json`` and ``run.json``."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from operator import not_
 from typing import Annotated
 
@@ -70,6 +70,11 @@ class MisfitEntry(Record):
         if self.kind:
             return self.rms, self.noise, self.unit, self.kind
         return self.rms_MPa, self.noise_MPa, "MPa", "stress"
+
+    @property
+    def is_within_chance(self) -> bool:
+        """Whether chance alone often gives such a misfit; false where none was judged."""
+        return self.p_value is not None and self.p_value > MISFIT_LEVEL
 
     @property
     def specimens(self) -> tuple[str, ...]:
@@ -281,8 +286,7 @@ class VerdictRecord(FileRecord):
     @property
     def is_directed(self) -> bool:
         """Whether only the directed test, not the overall misfit, supports the causes."""
-        p_value = self.misfit.p_value
-        return bool(self.causes) and p_value is not None and p_value > MISFIT_LEVEL
+        return bool(self.causes) and self.misfit.is_within_chance
 
     @property
     def judged(self) -> bool:
@@ -385,16 +389,15 @@ class MemberEntry(Record):
     probability: Number = Field(default=None, description="among those that cannot be told apart")
 
 
-def _known_law(name: str) -> str:
-    if name and name not in CALIBRATED_LAWS:
-        raise ValueError(f"must be one of {', '.join(CALIBRATED_LAWS)}, not {name!r}")
-    return name
+def _one_of(names: Collection[str]) -> AfterValidator:
+    """Return a check of a field that is one of these names, or empty."""
 
+    def known(name: str) -> str:
+        if name and name not in names:
+            raise ValueError(f"must be one of {', '.join(names)}, not {name!r}")
+        return name
 
-def _known_criterion(name: str) -> str:
-    if name and name not in RUPTURE_CRITERIA:
-        raise ValueError(f"must be one of {', '.join(RUPTURE_CRITERIA)}, not {name!r}")
-    return name
+    return AfterValidator(known)
 
 
 class ModelEntry(Record):
@@ -406,7 +409,7 @@ class ModelEntry(Record):
     paper_thickness_mm: PositiveNumber = None
     largest_pressure_kPa: PositiveNumber = None  # noqa: N815  a unit
     measured: Mapping[str, tuple[Number, ...]] = Field(default={}, description="ranges by name")
-    rupture_criterion: Annotated[Text, AfterValidator(_known_criterion)] = Field(
+    rupture_criterion: Annotated[Text, _one_of(RUPTURE_CRITERIA)] = Field(
         default="",
         exclude_if=is_absent,
         description="measure that is compared with the elongation at break",
@@ -427,7 +430,7 @@ class ModelEntry(Record):
         exclude_if=not_,
         description="whether the bend angle was read from the same points",
     )
-    material_law: Annotated[Text, AfterValidator(_known_law)] = Field(
+    material_law: Annotated[Text, _one_of(CALIBRATED_LAWS)] = Field(
         default="", exclude_if=is_absent, description="material law, if not Yeoh's"
     )
     stiffening: PositiveNumber = Field(

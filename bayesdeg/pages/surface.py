@@ -418,7 +418,11 @@ def faces_of(body: Body) -> tuple[Surface, Indices]:
     ((10, 9), 2, 42)
     """
     inward = boundary_faces(body)
-    outward = _thirds(inward) if body.element.triangular else _turned(inward)
+    if body.element.triangular:
+        outward = _thirds(inward)
+    else:  # grids with their axes swapped
+        side = int(np.sqrt(inward.shape[1]))
+        outward = np.swapaxes(inward.reshape(-1, side, side), 1, 2).reshape(inward.shape)
     nodes, numbered = np.unique(outward, return_inverse=True)
     is_half = np.isclose(min(body.nodes[:, 1].min(), 0.0), 0.0)
     on_cut = is_half & np.all(np.isclose(body.nodes[outward, 1], 0.0), axis=1)
@@ -426,13 +430,6 @@ def faces_of(body: Body) -> tuple[Surface, Indices]:
     in_cavity = np.array([tuple(face) in pressed for face in np.sort(inward, axis=1)], dtype=bool)
     in_cavity = np.repeat(in_cavity, len(outward) // len(inward))
     return Surface(numbered.reshape(outward.shape), on_cut, in_cavity, ()), nodes
-
-
-def _turned(faces: Indices) -> Indices:
-    """Return grids with their axes swapped."""
-    side = int(np.sqrt(faces.shape[1]))
-    turned: Indices = np.swapaxes(faces.reshape(-1, side, side), 1, 2).reshape(faces.shape)
-    return turned
 
 
 def _thirds(faces: Indices) -> Indices:
@@ -614,19 +611,15 @@ def read_surface(folder: Path) -> Surface | None:
             stored["in_cavity"].astype(bool),
             tuple(Shape(*row) for row in zip(*columns, strict=True)),
         )
-        _check(surface)
+        count = {len(a) for a in (surface.faces, surface.on_cut, surface.in_cavity)}
+        known = min((len(shape.stretch) for shape in surface.shapes), default=0)
+        if len(count) != 1 or surface.faces.shape[1] not in (4, 9):
+            raise ValueError("faces and their flags differ in number")
+        if not surface.shapes or surface.faces.min() < 0 or surface.faces.max() >= known:
+            raise ValueError("a face names a node that does not exist")
     except OF_DAMAGED_ARCHIVES as fault:
         raise BayesdegError(
             f"{path}: {fault}; the file is damaged or from another version: run the study again "
             "with --fresh, or delete the file to leave its figure out of the report"
         ) from fault
     return surface
-
-
-def _check(surface: Surface) -> None:
-    count = {len(a) for a in (surface.faces, surface.on_cut, surface.in_cavity)}
-    known = min((len(shape.stretch) for shape in surface.shapes), default=0)
-    if len(count) != 1 or surface.faces.shape[1] not in (4, 9):
-        raise ValueError("faces and their flags differ in number")
-    if not surface.shapes or surface.faces.min() < 0 or surface.faces.max() >= known:
-        raise ValueError("a face names a node that does not exist")

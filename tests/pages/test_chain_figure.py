@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from bayesdeg.pages.drawing import Shown
-from bayesdeg.pages.figures.chains import BINS, MOST, rank_counts, rank_figure
+from bayesdeg.pages.figures.checks import BINS, MOST, rank_counts, rank_figure
 from bayesdeg.pages.page import FIGURES
 from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pages.tables import Tables

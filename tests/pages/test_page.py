@@ -10,7 +10,7 @@ from bayesdeg.pages.drawing import Shown
 from bayesdeg.pages.headline import headline_of
 from bayesdeg.pages.left_out import Guard
 from bayesdeg.pages.page import FIGURES as DRAWN
-from bayesdeg.pages.page import build_page, content_of, render
+from bayesdeg.pages.page import build_page, render
 from bayesdeg.pages.record import UpdateEntry
 from bayesdeg.pages.summaries import by_level, several_levels
 from bayesdeg.pages.tables import TABLES, Tables
@@ -311,7 +311,7 @@ def page_of(folder, names):
     """Return the page of a run that has no other tables."""
     frames = folder.read_tables().frames
     kept = Tables({name: frame for name, frame in frames.items() if name in names})
-    return read_html(render(content_of(Shown(folder.read_verdict(), folder.read_run(), kept))))
+    return read_html(render(Shown(folder.read_verdict(), folder.read_run(), kept)))
 
 
 def test_what_is_missing_is_said_in_its_place(built):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -17,11 +16,11 @@ from bayesdeg.pages.drawing import (
     Sketch,
     key,
     legend_above,
+    of_table,
     single,
     styled,
 )
-from bayesdeg.pages.tables import present
-from bayesdeg.pages.wording import words
+from bayesdeg.pages.wording import MINUS, words
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +35,6 @@ DRAWN = {
     "base model": ("base", BASE_COLOUR),
     "with the causes": ("after", FINAL_COLOUR),
 }
-TICKS = (-100, -30, -10, -3, -2, -1, 0, 1, 2, 3, 10, 30, 100)
 ENDS = ("q05", "q50", "q95")
 
 
@@ -80,17 +78,15 @@ def absorption_figure(parameters: pd.DataFrame) -> Figure:
         for (what, colour), line in zip(DRAWN.values(), LINES, strict=True):
             ends = in_widths(row, what)
             if np.all(np.isfinite(ends)):
-                _interval(axes, ends, place + line, colour)
+                axes.plot(ends[[0, 2]], [place + line, place + line], color=colour, linewidth=1.2)
+                axes.plot(ends[1], place + line, "o", color=colour, markersize=3.5)
                 there.add(what)
     axes.set_yticks(np.arange(len(ordered)), [words(name) for name in ordered["parameter"]])
     axes.set_ylim(-0.6, len(ordered) - 0.4)
     axes.set_xscale("symlog", linthresh=LINEAR)
-    ticks = [-30, -10, -3, -2, -1, 0, 1, 2, 3, 10, 30]
     low, high = axes.get_xlim()
-    axes.set_xticks([t for t in ticks if low <= t <= high])
-    axes.set_xticklabels(
-        [f"{t:d}".replace("-", "\N{MINUS SIGN}") for t in ticks if low <= t <= high]
-    )
+    ticks = [t for t in (-30, -10, -3, -2, -1, 0, 1, 2, 3, 10, 30) if low <= t <= high]
+    axes.set_xticks(ticks, [f"{t:d}".replace("-", MINUS) for t in ticks])
     axes.minorticks_off()
     axes.set_xlabel("shift from all other information [its sd]")
     axes.grid(visible=False, axis="y")
@@ -99,15 +95,9 @@ def absorption_figure(parameters: pd.DataFrame) -> Figure:
     return figure
 
 
-def _interval(axes: Axes, ends: Floats, place: float, colour: str) -> None:
-    axes.plot(ends[[0, 2]], [place, place], color=colour, linewidth=1.2)
-    axes.plot(ends[1], place, "o", color=colour, markersize=3.5)
-
-
-def _absorption(shown: Shown) -> Sketch | None:
-    table = shown.tables["absorption"]
-    rows = None if table is None else present(table[table["p_value"].notna()])
-    if rows is None:
+def _absorption(_: Shown, table: pd.DataFrame) -> Sketch | None:
+    rows = table[table["p_value"].notna()]
+    if rows.empty:
         return None
     count = int((rows["in_question"] > 0).sum())
     return Sketch(absorption_figure(rows), {"count": count})
@@ -117,7 +107,7 @@ FIGURES = (
     PageFigure(
         "absorption",
         "misfit",
-        _absorption,
+        of_table("absorption", _absorption),
         "Shift of every parameter that the readings could move from all other information (prior, "
         "films, means of replicates; grey: its 90 % interval), in standard deviations of that: "
         "median and 90 % interval; the axis is logarithmic beyond 3. "

@@ -68,10 +68,13 @@ def deformed_figure(surface: Surface, *, degrades: bool = True) -> Figure:
     Figure
         Faces are pixels, all else vectors.
     """
-    cuts = [_cut(surface, shape) for shape in surface.shapes] if surface.is_half else []
+    cuts = []
+    if surface.is_half:
+        on_cut = surface.faces[surface.on_cut]
+        cuts = [quads_of(s.placed, s.stretch, on_cut, pieces=PIECES) for s in surface.shapes]
     wholes = [_whole(surface, shape) for shape in surface.shapes]
     norm = _range([*cuts, *wholes])
-    boxes = [_box([_in_plane(c) for c in cuts])] if cuts else []
+    boxes = [_box([cut.corners[..., [0, 2]] for cut in cuts])] if cuts else []
     boxes.append(_box([_projected(w)[..., :2] for w in wholes]))
     figure, rows = _panels(len(surface.shapes), boxes)
     for i, shape in enumerate(surface.shapes):
@@ -80,7 +83,11 @@ def deformed_figure(surface: Surface, *, degrades: bool = True) -> Figure:
         if cuts:
             _draw_cut(rows[0][i], surface, shape, cuts[i], norm)
         _draw_whole(rows[-1][i], surface, shape, wholes[i], norm)
-    _scale_bar(rows[-1][0], boxes[-1])
+    (left, low), height = boxes[-1][0], np.ptp(boxes[-1][:, 1])
+    x, y = left + MARGIN, low + 0.06 * height
+    last = rows[-1][0]
+    last.plot([x, x + BAR], [y, y], color=INK, linewidth=1.6, solid_capstyle="butt")
+    last.text(x + BAR / 2, y + 0.02 * height, f"{BAR:g} mm", ha="center", va="bottom", color=INK)
     bar = figure.colorbar(
         ScalarMappable(norm, COLOURS),
         ax=rows[-1],
@@ -117,10 +124,6 @@ def _panels(count: int, boxes: list[Floats]) -> tuple[Figure, list[list[Axes]]]:
     return figure, [list(row) for row in rows]
 
 
-def _cut(surface: Surface, shape: Shape) -> Quads:
-    return quads_of(shape.placed, shape.stretch, surface.faces[surface.on_cut], pieces=PIECES)
-
-
 def _outside(surface: Surface) -> Indices:
     return surface.faces[~surface.on_cut & ~surface.in_cavity]
 
@@ -145,10 +148,6 @@ def _range(drawn: list[Quads]) -> Normalize:
     return Normalize(1.0, max(float(top), 1.01))
 
 
-def _in_plane(quads: Quads) -> Floats:
-    return quads.corners[..., [0, 2]]
-
-
 def _projected(points: Quads | Floats) -> Floats:
     """Return coordinates to the right, upwards and towards the viewer, (..., 3) [mm]."""
     corners = points.corners if isinstance(points, Quads) else points
@@ -168,7 +167,7 @@ def _draw_cut(axes: Axes, surface: Surface, shape: Shape, quads: Quads, norm: No
     placed = segments_of(shape.placed, edges, pieces=2 * PIECES)[..., [0, 2]]
     colours = COLOURS(norm(quads.values))
     _lines(axes, rest, colour=MUTED, zorder=0.8)
-    _paint(axes, _in_plane(quads), colours, colours, 0.3)
+    _paint(axes, quads.corners[..., [0, 2]], colours, colours, 0.3)
     _lines(axes, placed, colour=INK, zorder=2.0)
 
 
@@ -233,13 +232,6 @@ def _off_symmetry(surface: Surface, rest: Floats, edges: Indices) -> Indices:
     if not surface.is_half:
         return edges
     return edges[~np.all(np.isclose(rest[edges, 1], 0.0), axis=1)]
-
-
-def _scale_bar(axes: Axes, box: Floats) -> None:
-    (left, low), height = box[0], np.ptp(box[:, 1])
-    x, y = left + MARGIN, low + 0.06 * height
-    axes.plot([x, x + BAR], [y, y], color=INK, linewidth=1.6, solid_capstyle="butt")
-    axes.text(x + BAR / 2, y + 0.02 * height, f"{BAR:g} mm", ha="center", va="bottom", color=INK)
 
 
 def _deformed(shown: Shown) -> Sketch | None:

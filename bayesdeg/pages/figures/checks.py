@@ -1,9 +1,11 @@
-"""Figures of the checks of a posterior: leave-one-out, prior sensitivity, prior predictions."""
+"""Figures of the checks of a posterior: ranks of chains, leave-one-out, influence of priors."""
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
+import xarray as xr
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from bayesdeg.pages.drawing import (
     BASE_COLOUR,
@@ -15,24 +17,92 @@ from bayesdeg.pages.drawing import (
     PageFigure,
     Shown,
     Sketch,
-    band,
+    hollow_key,
     key,
     legend_above,
+    level_colour,
+    of_table,
     panels,
     points,
     points_key,
+    quantile_bands,
     rate_title,
     single,
     styled,
 )
+from bayesdeg.pages.folder import POSTERIOR
 from bayesdeg.pages.summaries import MOST_LEVELS, nearest_level, panel_levels
 from bayesdeg.pages.tables import present
-from bayesdeg.pages.wording import level_words
+from bayesdeg.pages.wording import level_words, words
 from bayesdeg.quantities import axis_label
 
+BINS = 10  # bins of ranks: 50 draws each at quick effort, or noise dominates
+CHANCE = 3.0  # standard deviations of the number of draws in a bin: the band
+MOST = 12  # parameters, those that mix worst
 RELIABLE_K = 0.7
 NOTICEABLE = 0.05
 PRIOR = "prior: median, 50 % and 90 % band"
+
+
+def rank_counts(draws: NDArray[np.float64], bins: int = BINS) -> NDArray[np.float64]:
+    """Return the rank histogram of each chain, over the expected count of a bin.
+
+    Chains that sample the same law have uniform ranks, so all counts are near 1. A shifted chain
+    has a slope, one that is too narrow a hump.
+
+    Parameters
+    ----------
+    draws : array, shape (n_chains, n_draws)
+        Of one parameter.
+    bins : int
+        Into which the ranks of all draws together are divided.
+
+    Returns
+    -------
+    array, shape (n_chains, bins)
+
+    References
+    ----------
+    Vehtari, Gelman, Simpson, Carpenter and Bürkner (2021), doi:10.1214/20-BA1221
+
+    Examples
+    --------
+    >>> rank_counts(np.array([[0.0, 1.0], [2.0, 3.0]]), bins=2)
+    array([[2., 0.],
+           [0., 2.]])
+    """
+    ranks = rankdata(draws, method="average").reshape(draws.shape) - 0.5
+    place = np.minimum((ranks * bins / draws.size).astype(int), bins - 1)
+    counts = np.stack([np.bincount(row, minlength=bins) for row in place])
+    return np.asarray(counts * bins / draws.shape[1], np.float64)
+
+
+@styled
+def rank_figure(posterior: xr.Dataset) -> Figure:
+    """Draw the ranks of the draws of each chain, one panel per parameter.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+        Draws by parameter, (chain, draw).
+    """
+    every = {str(name): rank_counts(values.to_numpy()) for name, values in posterior.items()}
+    worst = sorted(every, key=lambda name: -float(np.abs(every[name] - 1.0).max()))[:MOST]
+    figure, every_axes = panels(len(worst), columns=4, height=1.5)
+    # draws of a chain are thinned, and so nearly independent
+    width = CHANCE * np.sqrt(BINS / posterior.sizes["draw"])
+    middle = (np.arange(BINS) + 0.5) / BINS
+    for axes, name in zip(every_axes, [n for n in every if n in worst], strict=True):
+        axes.axhspan(1.0 - width, 1.0 + width, color=MUTED, alpha=0.22, linewidth=0)
+        for index, counts in enumerate(every[name]):
+            colour = level_colour(index, len(every[name]))
+            axes.step(middle, counts, where="mid", color=colour, linewidth=0.9)
+        axes.set_title(words(name), fontsize=7.0)
+        axes.set_xlim(0.0, 1.0)
+        axes.set_ylim(bottom=0.0)
+    figure.supxlabel("rank among the draws of all chains, normalised [–]")
+    figure.supylabel("draws, over their expected number [–]")
+    return figure
 
 
 @styled
@@ -90,9 +160,8 @@ def sensitivity_figure(sensitivity: pd.DataFrame) -> Figure:
     axes.set_xlim(left=0.0)
     axes.set_xlabel("change of the posterior per doubling [–]")
     axes.grid(visible=False, axis="y")
-    hollow = key(FINAL_COLOUR, marker="o", line=False)
-    hollow.set(markerfacecolor=PAPER)
-    legend_above(figure, {"priors": key(BASE_COLOUR, marker="o", line=False), "likelihood": hollow})
+    priors = key(BASE_COLOUR, marker="o", line=False)
+    legend_above(figure, {"priors": priors, "likelihood": hollow_key(FINAL_COLOUR)})
     return figure
 
 
@@ -114,7 +183,8 @@ def prior_curvature_figure(
     levels = panel_levels(prior)
     figure, every_axes = panels(len(levels))
     for axes, level in zip(every_axes, levels, strict=True):
-        _draw_prior(axes, prior[prior["degradation_pct"] == level], "pressure_kPa")
+        here = prior[prior["degradation_pct"] == level].sort_values("pressure_kPa")
+        quantile_bands(axes, "pressure_kPa", here, MUTED)
         axes.set_title(rate_title(level, degrades=degrades))
     if observations is not None:
         readings = observations.drop_duplicates(["specimen_id", "pressure_kPa", "cycle", "branch"])
@@ -122,8 +192,8 @@ def prior_curvature_figure(
         for axes, level in zip(every_axes, levels, strict=True):
             here = readings[panel == level]
             points(axes, here["pressure_kPa"], here["curvature_per_m"])
-    figure.supxlabel(axis_label("pressure_kPa"), fontsize=8.0)
-    figure.supylabel(axis_label("curvature_per_m"), fontsize=8.0)
+    figure.supxlabel(axis_label("pressure_kPa"))
+    figure.supylabel(axis_label("curvature_per_m"))
     entries = {PRIOR: key(MUTED)}
     legend_above(figure, entries | ({} if observations is None else {"measured": points_key()}))
     return figure
@@ -151,72 +221,69 @@ def prior_stress_figure(
     figure, every_axes = panels(len(shown), height=2.2)
     for axes, (mode, level) in zip(every_axes, shown, strict=True):
         here = prior[(prior["mode"] == mode) & (prior["degradation_pct"] == level)]
-        _draw_prior(axes, here, "stretch")
+        quantile_bands(axes, "stretch", here.sort_values("stretch"), MUTED)
         axes.set_title(f"{mode}, {level_words(level)}" if degrades else mode)
         if tensile is not None:
-            _draw_films(
-                axes, tensile, mode, level, [rate for other, rate in kinds if other == mode]
-            )
-    figure.supxlabel(f"{axis_label('stretch')} [–]", fontsize=8.0)
-    figure.supylabel("nominal stress [MPa]", fontsize=8.0)
+            levels = [rate for other, rate in kinds if other == mode]
+            films = tensile[(tensile["mode"] == mode) & (tensile["fitted"] > 0.5)]
+            films = films.drop_duplicates(["specimen_id", "stretch", "stress_MPa"])
+            films = films[nearest_level(films["degradation_pct"], levels) == level]
+            for _, curve in films.groupby("specimen_id", sort=False):
+                axes.plot(curve["stretch"], curve["stress_MPa"], color=INK, linewidth=0.9)
+    figure.supxlabel(f"{axis_label('stretch')} [–]")
+    figure.supylabel("nominal stress [MPa]")
     entries = {PRIOR: key(MUTED)}
     legend_above(figure, entries | ({"measured": key(INK)} if tensile is not None else {}))
     return figure
 
 
-def _draw_prior(axes: Axes, here: pd.DataFrame, along: str) -> None:
-    curve = here.sort_values(along)
-    band(axes, curve[along], curve["q05"], curve["q95"], MUTED, 0.18)
-    band(axes, curve[along], curve["q25"], curve["q75"], MUTED, 0.28)
-    axes.plot(curve[along], curve["q50"], color=MUTED)
+def _ranks(shown: Shown) -> Sketch | None:
+    # updated draws do not come from chains
+    posterior = shown.posterior(POSTERIOR) if shown.run.update is None else None
+    if posterior is None or min(posterior.sizes.values(), default=0) < 2:
+        return None
+    facts = {
+        "chains": posterior.sizes["chain"],
+        "drawn": min(len(posterior), MOST),
+        "parameters": len(posterior),
+        "chance": CHANCE,
+    }
+    return Sketch(rank_figure(posterior), facts)
 
 
-def _draw_films(
-    axes: Axes, tensile: pd.DataFrame, mode: str, level: float, levels: list[float]
-) -> None:
-    films = tensile[(tensile["mode"] == mode) & (tensile["fitted"] > 0.5)]
-    films = films.drop_duplicates(["specimen_id", "stretch", "stress_MPa"])
-    here = films[nearest_level(films["degradation_pct"], levels) == level]
-    for _, curve in here.groupby("specimen_id", sort=False):
-        axes.plot(curve["stretch"], curve["stress_MPa"], color=INK, linewidth=0.9)
-
-
-def _leave_one_out(shown: Shown) -> Sketch | None:
-    specimens = shown.tables["leave_one_out"]
-    return None if specimens is None else Sketch(leave_one_out_figure(specimens))
-
-
-def _sensitivity(shown: Shown) -> Sketch | None:
-    sensitivity = shown.tables["prior_sensitivity"]
-    return None if sensitivity is None else Sketch(sensitivity_figure(sensitivity))
-
-
-def _prior_curvature(shown: Shown) -> Sketch | None:
-    curvature = _of_priors(shown, "curvature")
+def _prior_curvature(shown: Shown, prior: pd.DataFrame) -> Sketch | None:
+    curvature = present(prior[prior["quantity"] == "curvature"])
     if curvature is None:
         return None
     observations, degrades = shown.tables["observations"], shown.run.degrades
     return Sketch(prior_curvature_figure(curvature, observations, degrades=degrades))
 
 
-def _prior_stress(shown: Shown) -> Sketch | None:
-    stress = _of_priors(shown, "nominal_stress")
+def _prior_stress(shown: Shown, prior: pd.DataFrame) -> Sketch | None:
+    stress = present(prior[prior["quantity"] == "nominal_stress"])
     if stress is None:
         return None
     tensile, degrades = shown.tables["tensile"], shown.run.degrades
     return Sketch(prior_stress_figure(stress, tensile, degrades=degrades))
 
 
-def _of_priors(shown: Shown, quantity: str) -> pd.DataFrame | None:
-    prior = shown.tables["prior_predictive"]
-    return None if prior is None else present(prior[prior["quantity"] == quantity])
-
-
 FIGURES = (
+    PageFigure(
+        "ranks",
+        "posterior",
+        _ranks,
+        "Ranks of the draws of each of {{ chains }} chains among those of "
+        "all, for the final model. If all chains sample the same posterior, every line stays near "
+        "1; the band is {{ chance | number(1) }} standard deviations of independent draws. A "
+        "sloping chain is shifted against the others, one with a hump is too narrow."
+        "{% if drawn < parameters %} The {{ drawn }} of {{ parameters }} parameters that depart "
+        "most are drawn.{% endif %}",
+        title="Do the chains agree?",
+    ),
     PageFigure(
         "leave-one-out",
         "posterior",
-        _leave_one_out,
+        of_table("leave_one_out", lambda _, table: Sketch(leave_one_out_figure(table))),
         "Every specimen left out in turn. Above: shape k of the importance weights. From 0.7 on "
         "they are unreliable, and the model was calibrated again without that specimen "
         "(filled). Below: what its own readings add to its log density.",
@@ -225,7 +292,7 @@ FIGURES = (
     PageFigure(
         "prior-sensitivity",
         "posterior",
-        _sensitivity,
+        of_table("prior_sensitivity", lambda _, table: Sketch(sensitivity_figure(table))),
         "How much the posterior of each conclusion changes when the weight of all priors, or of "
         "the likelihood, is doubled. Right of the dashed line the priors matter noticeably, if "
         "that is more than the noise of the draws (table).",
@@ -234,7 +301,7 @@ FIGURES = (
     PageFigure(
         "prior-curvature",
         "posterior",
-        _prior_curvature,
+        of_table("prior_predictive", _prior_curvature),
         "Prior predictive curvature against pressure: 50 % and 90 % bands of the draws that have "
         "an equilibrium, median, and the readings.",
         ("prior_predictive", "observations"),
@@ -242,7 +309,7 @@ FIGURES = (
     PageFigure(
         "prior-stress",
         "posterior",
-        _prior_stress,
+        of_table("prior_predictive", _prior_stress),
         "Prior predictive nominal stress against stretch: 50 % and 90 % bands, median, and the "
         "readings.",
         ("prior_predictive", "tensile"),

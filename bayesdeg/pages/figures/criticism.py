@@ -1,13 +1,11 @@
 """Figures of model criticism, and of the gain on held-out data."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from bayesdeg.material.degradation import levels as levels_of
@@ -22,9 +20,12 @@ from bayesdeg.pages.drawing import (
     PageFigure,
     Shown,
     Sketch,
+    area_key,
     band,
+    hollow_key,
     key,
     legend_above,
+    of_table,
     panels,
     points_key,
     rate_title,
@@ -87,25 +88,23 @@ def statistics_figure(statistics: pd.DataFrame) -> Figure:
     axes.hlines(place, 0.0, shown, color=MUTED, linewidth=0.8)
     for chosen_rows, filled in ((found, True), (~found, False)):
         _draw_positions(axes, shown[chosen_rows], place[chosen_rows], position[chosen_rows], filled)
-    axes.set_yticks(place, [_label(row) for _, row in chosen.iterrows()])
+    labels = [f"{row['statistic']} [{row['unit']}]" for _, row in chosen.iterrows()]
+    axes.set_yticks(place, [label.replace(" [", f"{SPACE}[") for label in labels])
     axes.set_ylim(-0.6, len(chosen) - 0.4)
     axes.set_xlim(-FURTHEST - 0.5, FURTHEST + 0.5)
     axes.set_xlabel("distance from the middle of the simulated 5–95 % band, in half-widths [–]")
     axes.grid(visible=False, axis="y")
-    _write_values(axes, chosen)
-    hollow = key(FINAL_COLOUR, marker="o", line=False)
-    hollow.set(markerfacecolor=PAPER)
-    filled_key = key(BASE_COLOUR, marker="o", line=False)
-    simulated = key(MUTED)
-    simulated.set(linewidth=6, alpha=0.3)
-    legend_above(
-        figure,
-        {
-            "remarkable among all": filled_key,
-            "as the model would show": hollow,
-            "simulated, 5–95 %": simulated,
-        },
-    )
+    values = axes.secondary_yaxis("right")
+    texts = [f"{number(float(row['value']))}, {_chance(row)}" for _, row in chosen.iterrows()]
+    values.set_yticks(place, texts)
+    values.tick_params(length=0.0)
+    values.spines["right"].set_visible(False)
+    entries = {
+        "remarkable among all": key(BASE_COLOUR, marker="o", line=False),
+        "as the model would show": hollow_key(FINAL_COLOUR),
+        "simulated, 5–95 %": area_key(),
+    }
+    legend_above(figure, entries)
     return figure
 
 
@@ -145,12 +144,10 @@ def loo_pit_figure(curves: pd.DataFrame) -> Figure:
         axes.plot(chosen["probability"], chosen["difference"], color=colour)
         axes.set_title(f"{model_words(model)}, {_chance(chosen.iloc[0])}")
         axes.set_xlim(0.0, 1.0)
-    figure.supxlabel("predicted probability of a smaller reading [–]", fontsize=8.0)
-    figure.supylabel("share of readings below, less that probability [–]", fontsize=8.0)
+    figure.supxlabel("predicted probability of a smaller reading [–]")
+    figure.supylabel("share of readings below, less that probability [–]")
     entries = {model_words(m): key(COLOURS.get(m, FINAL_COLOUR)) for m in models}
-    inside = key(MUTED)
-    inside.set(linewidth=6, alpha=0.3)
-    legend_above(figure, entries | {"95 % of simulated data sets stay inside": inside})
+    legend_above(figure, entries | {"95 % of simulated data sets stay inside": area_key()})
     return figure
 
 
@@ -188,32 +185,28 @@ def discrepancy_figure(
         axes.axhline(0.0, color=MUTED, linewidth=0.9)
         _draw_points(axes, here[here["model"] == BASE])
         for model in (BASE, FINAL):
-            _draw_discrepancy(axes, here[here["model"] == model], COLOURS[model])
+            curves = here[here["model"] == model]
+            for _, curve in curves.groupby(["specimen_id", "history"], sort=False, dropna=False):
+                axes.plot(curve["along"], curve["discrepancy"], color=COLOURS[model], linewidth=1.2)
         axes.set_title(title)
-    x, y = _axes_of(kind)
-    figure.supxlabel(x, fontsize=8.0)
-    figure.supylabel(y, fontsize=8.0)
-    legend_above(figure, _discrepancy_keys(chosen, line, points))
-    return figure
-
-
-def _discrepancy_keys(chosen: pd.DataFrame, line: str, points: str) -> dict[str, Line2D]:
-    entries: dict[str, Line2D] = {line: key(BASE_COLOUR)}
+    if kind == CURVATURE:
+        figure.supxlabel(axis_label("pressure_kPa"))
+        figure.supylabel("measured − simulated [1/m]")
+    elif kind == STRESS:
+        figure.supxlabel(f"{axis_label('stretch')} [–]")
+        figure.supylabel("measured − simulated [MPa]")
+    else:
+        figure.supxlabel("along the path")
+        figure.supylabel(f"{kind}, measured − simulated")
+    entries = {line: key(BASE_COLOUR)}
     if (chosen["model"] == FINAL).any():
         entries["left after the named cause"] = key(FINAL_COLOUR)
     entries[points] = points_key()
     for name, entry in path_keys(*_paths(chosen)).items():
         entry.set_linestyle("")
         entries[name] = entry
-    return entries
-
-
-def _axes_of(kind: str) -> tuple[str, str]:
-    if kind == CURVATURE:
-        return axis_label("pressure_kPa"), "measured − simulated [1/m]"
-    if kind == STRESS:
-        return f"{axis_label('stretch')} [–]", "measured − simulated [MPa]"
-    return "along the path", f"{kind}, measured − simulated"
+    legend_above(figure, entries)
+    return figure
 
 
 def _panels_of(
@@ -257,11 +250,6 @@ def _paths(here: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     return unloading, np.array(later, bool)
 
 
-def _draw_discrepancy(axes: Axes, here: pd.DataFrame, colour: str) -> None:
-    for _, curve in here.groupby(["specimen_id", "history"], sort=False, dropna=False):
-        axes.plot(curve["along"], curve["discrepancy"], color=colour, linewidth=1.2)
-
-
 def _draw_positions(
     axes: Axes, shown: Floats, place: NDArray[np.int64], position: Floats, filled: bool
 ) -> None:
@@ -287,21 +275,6 @@ def _chance(row: "pd.Series[Any]") -> str:
     """Format the p-value of a row; runs before 0.2 lack the number of data sets."""
     replicates = float(row.get("replicates", np.nan))
     return p_value(float(row["p_value"]), replicates if np.isfinite(replicates) else None)
-
-
-def _write_values(axes: Axes, chosen: pd.DataFrame) -> None:
-    """Write value and p-value beside the panel."""
-    right = axes.secondary_yaxis("right")
-    texts: Sequence[str] = [
-        f"{number(float(row['value']))}, {_chance(row)}" for _, row in chosen.iterrows()
-    ]
-    right.set_yticks(np.arange(len(chosen)), texts)
-    right.tick_params(length=0.0)
-    right.spines["right"].set_visible(False)
-
-
-def _label(row: pd.Series) -> str:
-    return f"{row['statistic']} [{row['unit']}]".replace(" [", f"{SPACE}[")
 
 
 @styled
@@ -333,9 +306,16 @@ def gain_figure(
         figure, left = single(width=FULL_WIDTH, height=2.9)
         right = left
     if by_level is not None:
-        _draw_by_level(left, by_level, final)
+        errors = by_level.pivot_table(index="degradation_pct", columns="model", values="rmse_per_m")
+        _draw_errors(left, errors, [level_words(float(level)) for level in errors.index], final)
+        left.set_xlabel("error on held-out specimens, rms [1/m]")
+        left.set_ylabel(axis_label("degradation_pct"))
+        left.set_title("error by degradation rate")
     elif by_mode is not None:
-        _draw_by_mode(left, by_mode, final)
+        errors = by_mode.pivot_table(index="mode", columns="model", values="rmse_MPa")
+        _draw_errors(left, errors, [str(mode) for mode in errors.index], final)
+        left.set_xlabel("error of nominal stress, rms [MPa]")
+        left.set_title("error on held-out modes of tension")
     if pooled is not None and has_gains:
         _draw_elpd(right, pooled, final)
     if has_errors:
@@ -343,20 +323,6 @@ def gain_figure(
         keys = {model_words(m): key(c, marker="o", line=False) for m, c in models.items()}
         legend_above(figure, keys)
     return figure
-
-
-def _draw_by_level(axes: Axes, by_level: pd.DataFrame, final: str) -> None:
-    errors = by_level.pivot_table(index="degradation_pct", columns="model", values="rmse_per_m")
-    _draw_errors(axes, errors, [level_words(float(level)) for level in errors.index], final)
-    axes.set(xlabel="error on held-out specimens, rms [1/m]", ylabel=axis_label("degradation_pct"))
-    axes.set_title("error by degradation rate")
-
-
-def _draw_by_mode(axes: Axes, by_mode: pd.DataFrame, final: str) -> None:
-    errors = by_mode.pivot_table(index="mode", columns="model", values="rmse_MPa")
-    _draw_errors(axes, errors, [str(mode) for mode in errors.index], final)
-    axes.set(xlabel="error of nominal stress, rms [MPa]")
-    axes.set_title("error on held-out modes of tension")
 
 
 def _draw_errors(axes: Axes, errors: pd.DataFrame, labels: list[str], final: str) -> None:
@@ -382,45 +348,51 @@ def _draw_elpd(axes: Axes, pooled: pd.DataFrame, final: str) -> None:
             row["elpd_diff"], y, xerr=row["elpd_diff_se"], fmt="o", color=colour, markersize=5
         )
     axes.axvline(0.0, color=BASE_COLOUR, linewidth=1.2)
-    axes.set_yticks(place, [_added(str(model)) for model in extended["model"]])
+    added = [str(model).split("+") for model in extended["model"]]
+    names = ["\n".join(f"+ {words(one)}" for one in parts if one != BASE) for parts in added]
+    axes.set_yticks(place, names)
     axes.set_xlabel("gain in elpd over the base model ± se [–]")
     axes.margins(x=0.1, y=0.25)
     axes.grid(visible=False, axis="y")
     axes.set_title("gain in held-out prediction")
 
 
-def _added(model: str) -> str:
-    return "\n".join(f"+ {words(part)}" for part in model.split("+") if part != BASE)
-
-
-def _statistics(shown: Shown) -> Sketch | None:
-    statistics = shown.tables["statistics"]
-    if statistics is None or statistics["value"].isna().all():
+def _statistics(_: Shown, statistics: pd.DataFrame) -> Sketch | None:
+    if statistics["value"].isna().all():
         return None
     found = rows_of(statistics[statistics["p_adjusted"] <= SIGNIFICANT])
     return Sketch(statistics_figure(statistics), {"found": found})
 
 
-def _loo_pit(shown: Shown) -> Sketch | None:
-    curves = shown.tables["loo_pit"]
-    if curves is None:
-        return None
+def _loo_pit(_: Shown, curves: pd.DataFrame) -> Sketch:
     said = curves.groupby("model", sort=False)["sentence"].first()
     return Sketch(loo_pit_figure(curves), {"said": said.to_dict()})
 
 
-def _discrepancy(shown: Shown) -> Sketch | None:
-    discrepancy = shown.tables["discrepancy"]
-    if discrepancy is None:
-        return None
+def _discrepancy(shown: Shown, discrepancy: pd.DataFrame) -> Sketch:
     final = bool((discrepancy["model"] == FINAL).any())
     figure = discrepancy_figure(discrepancy, degrades=shown.run.degrades)
     return Sketch(figure, {"final": final})
 
 
-def _gain(shown: Shown) -> Sketch | None:
+def _missing_terms(shown: Shown, readings: pd.DataFrame) -> Sketch | None:
+    terms = shown.tables["missing_terms"]
+    if terms is None:
+        return None
+    rows = readings.rename(columns={"term": "discrepancy"}).assign(model=BASE)
+    taken = terms.loc[terms["behind"].notna() & terms["share"].notna(), "formula"].astype(str)
+    figure = discrepancy_figure(
+        rows,
+        degrades=shown.run.degrades,
+        line="the term" if len(taken) == 1 else "both terms",
+        points="measured less model",
+    )
+    return Sketch(figure, {"terms": list(taken)})
+
+
+def _gain(shown: Shown, gain: pd.DataFrame) -> Sketch | None:
     """Draw errors by degradation rate, and of studies with one rate by mode of tension."""
-    gain, by_mode = shown.tables["gain"], shown.tables["gain_modes"]
+    by_mode = shown.tables["gain_modes"]
     others = [model for model in models_of(gain) if model != BASE]
     if not others:
         return None
@@ -435,7 +407,7 @@ FIGURES = (
     PageFigure(
         "discrepancy",
         "misfit",
-        _discrepancy,
+        of_table("discrepancy", _discrepancy),
         "The misfit to explain: the smooth discrepancy of the base model, fitted together "
         "with its parameters, and the readings about it.{% if final %} “Left”: the same with the "
         "named cause in the model.{% endif %}",
@@ -444,7 +416,7 @@ FIGURES = (
     PageFigure(
         "statistics",
         "misfit",
-        _statistics,
+        of_table("statistics", _statistics),
         "Statistics of the residuals against those of data simulated from the fitted base model. "
         "Filled marks are significant after adjustment for all statistics."
         "{% for row in found %} {{ row.statistic | capitalize }} "
@@ -455,7 +427,7 @@ FIGURES = (
     PageFigure(
         "loo-pit",
         "gain",
-        _loo_pit,
+        of_table("loo_pit", _loo_pit),
         "Where held-out readings lie in their predictions. A curve inside the band is as expected; "
         "above zero, readings are lower than predicted."
         "{% for model, sentence in said.items() %} {{ model | model | capitalize }}: "
@@ -465,12 +437,20 @@ FIGURES = (
     PageFigure(
         "gain",
         "gain",
-        _gain,
+        of_table("gain", _gain),
         "Prediction of {{ 'modes of tension' if per == 'mode' else 'specimens' }} that the model "
         "has not seen. {% if per and several %}Left: error of the base model and of "
         "{{ final | model }} by {{ per }}. Right: gain in expected log predictive density."
         "{% elif per %}Error of the base model and of {{ final | model }} by {{ per }}."
         "{% else %}Gain in expected log predictive density.{% endif %}",
         ("gain", "gain_modes"),
+    ),
+    PageFigure(
+        "missing-terms",
+        "misfit",
+        of_table("missing_terms_readings", _missing_terms),
+        "Residuals of the model, fitted jointly with the terms that would remove them: "
+        "{{ terms | join(' and ') }}.",
+        ("missing_terms_readings", "missing_terms"),
     ),
 )

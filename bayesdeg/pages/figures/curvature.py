@@ -1,4 +1,4 @@
-"""Figures of the actuator: curvature bands, residuals, rupture, elongation, null misfit."""
+"""Figures of the actuator: curvature, residuals, what was set aside, rupture, null misfit."""
 
 from collections.abc import Sequence
 
@@ -23,21 +23,25 @@ from bayesdeg.pages.drawing import (
     PageFigure,
     Shown,
     Sketch,
+    area_key,
     band,
     intervals,
     key,
     label_rates,
     legend_above,
     level_colour,
+    model_keys,
+    of_table,
     panels,
     points,
     points_key,
+    quantile_bands,
     rate_title,
     single,
     styled,
 )
 from bayesdeg.pages.summaries import BASE, FINAL, by_level, nearest_level, panel_levels
-from bayesdeg.pages.wording import level_words, model_words
+from bayesdeg.pages.wording import level_words, words
 from bayesdeg.quantities import UNLOADING, axis_label
 
 
@@ -65,19 +69,21 @@ def bands_figure(
     figure, every_axes = panels(len(levels))
     for axes, level in zip(every_axes, levels, strict=True):
         chosen = bands[bands["degradation_pct"] == level].sort_values("pressure_kPa")
-        pressure = chosen["pressure_kPa"]
-        band(axes, pressure, chosen["q05"], chosen["q95"], FINAL_COLOUR, 0.18)
-        band(axes, pressure, chosen["q25"], chosen["q75"], FINAL_COLOUR, 0.28)
-        axes.plot(pressure, chosen["q50"], color=FINAL_COLOUR)
+        quantile_bands(axes, "pressure_kPa", chosen, FINAL_COLOUR)
         axes.set_title(rate_title(level, degrades=degrades))
     entries = {"new specimen: median, 50 % and 90 % band": key(FINAL_COLOUR)}
     if observations is not None:
-        _draw_measured(every_axes, observations, levels)
+        panel = nearest_level(observations["degradation_pct"], levels)
+        for axes, level in zip(every_axes, levels, strict=True):
+            here = observations[panel == level]
+            for model in (BASE, FINAL):
+                _draw_means(axes, here[here["model"] == model], COLOURS[model])
+            readings = here[here["model"] == BASE]
+            points(axes, readings["pressure_kPa"], readings["curvature_per_m"])
         entries["measured"] = points_key()
-        for model in (BASE, FINAL):
-            if (observations["model"] == model).any():
-                entries[model_words(model)] = key(COLOURS[model], dashed=True)
-    _label(figure, axis_label("pressure_kPa"), axis_label("curvature_per_m"))
+        entries |= model_keys(observations, dashed=True)
+    figure.supxlabel(axis_label("pressure_kPa"))
+    figure.supylabel(axis_label("curvature_per_m"))
     legend_above(figure, entries)
     return figure
 
@@ -123,6 +129,7 @@ def rupture_figure(
     return figure
 
 
+NEAR = 1.5  # points of degradation between specimens that are drawn together
 APART = 4.0  # kPa between counts of several degradation rates that were tested to one pressure
 INTERVAL = (0.05, 0.95)
 
@@ -176,7 +183,8 @@ def elongation_figure(elongation: pd.DataFrame, *, degrades: bool = True) -> Fig
     limit = elongation[elongation["kind"] == "band"].sort_values("degradation_pct")
     measured = elongation[elongation["kind"] == "measured"]
     if np.unique(limit["degradation_pct"]).size == 1:
-        intervals(axes, *_first(limit[["degradation_pct", "q05", "q50", "q95"]]), FINAL_COLOUR)
+        only = limit[["degradation_pct", "q05", "q50", "q95"]].iloc[0]
+        intervals(axes, float(only["degradation_pct"]), only, FINAL_COLOUR)
         axes.plot([], [], "o-", color=FINAL_COLOUR, label="median, 90 % interval")
     else:
         band(axes, limit["degradation_pct"], limit["q05"], limit["q95"], FINAL_COLOUR, 0.22)
@@ -195,31 +203,13 @@ def null_figure(null: pd.DataFrame, *, observed: float | None, name: str) -> Fig
     """Draw the misfit statistic of data simulated from the base model, and the observed one."""
     figure, axes = single(height=2.4)
     axes.hist(null["statistic"].dropna(), bins="auto", color=MUTED, alpha=0.55)
-    entries = {"if the base model were right": key(MUTED)}
-    entries["if the base model were right"].set(linewidth=5, alpha=0.55)
+    entries = {"if the base model were right": area_key(width=5, alpha=0.55)}
     if observed is not None:
         axes.axvline(observed, color=BASE_COLOUR, linewidth=2)
         entries["this study"] = key(BASE_COLOUR)
     axes.set(xlabel=f"{name or 'misfit statistic'} [–]", ylabel="simulated studies [–]")
     legend_above(figure, entries)
     return figure
-
-
-def _first(limit: pd.DataFrame) -> tuple[float, pd.Series]:
-    row = limit.iloc[0]
-    return float(row["degradation_pct"]), row
-
-
-def _draw_measured(
-    every_axes: Sequence[Axes], observations: pd.DataFrame, levels: Sequence[float]
-) -> None:
-    panel = nearest_level(observations["degradation_pct"], levels)
-    for axes, level in zip(every_axes, levels, strict=True):
-        here = observations[panel == level]
-        for model in (BASE, FINAL):
-            _draw_means(axes, here[here["model"] == model], COLOURS[model])
-        readings = here[here["model"] == BASE]
-        points(axes, readings["pressure_kPa"], readings["curvature_per_m"])
 
 
 def _draw_means(axes: Axes, chosen: pd.DataFrame, colour: str) -> None:
@@ -232,11 +222,6 @@ def _draw_means(axes: Axes, chosen: pd.DataFrame, colour: str) -> None:
             linewidth=0.9,
             linestyle=(0, (4, 2)),
         )
-
-
-def _label(figure: Figure, x: str, y: str) -> None:
-    figure.supxlabel(x, fontsize=8.0)
-    figure.supylabel(y, fontsize=8.0)
 
 
 @styled
@@ -275,9 +260,49 @@ def residual_figure(
             chosen = observations[(panel == level) & (observations["model"] == model)]
             _draw_curves(axes, chosen, COLOURS[model], specimens)
         axes.set_title(rate_title(level, degrades=degrades))
-    figure.supxlabel(axis_label("pressure_kPa"), fontsize=8.0)
-    figure.supylabel("measured − simulated [1/m]", fontsize=8.0)
-    legend_above(figure, _keys(observations, noise_per_m))
+    figure.supxlabel(axis_label("pressure_kPa"))
+    figure.supylabel("measured − simulated [1/m]")
+    entries = model_keys(observations, marker="o")
+    if noise_per_m is not None:
+        entries["± one standard deviation of the noise"] = area_key()
+    unloading = (observations["branch"] == UNLOADING).to_numpy(bool)
+    later = (observations["cycle"] > 1).to_numpy(bool)
+    legend_above(figure, entries | path_keys(unloading, later))
+    return figure
+
+
+@styled
+def suspects_figure(rows: pd.DataFrame) -> Figure:
+    """Draw curvature against pressure, with what was set aside marked: a panel a specimen.
+
+    Parameters
+    ----------
+    rows : pandas.DataFrame
+        Table ``set_aside``.
+    """
+    names = list(dict.fromkeys(rows.loc[rows["set_aside"] > 0, "specimen_id"].astype(str)))
+    figure, every_axes = panels(len(names), share_y="none")
+    for axes, name in zip(every_axes, names, strict=True):
+        own = rows["specimen_id"].astype(str) == name
+        rate = float(rows.loc[own, "degradation_pct"].iloc[0])
+        alike = ~own & (np.abs(rows["degradation_pct"] - rate) <= NEAR)
+        near = rows[alike & (rows["set_aside"] == 0)]
+        for _, other in near.groupby("specimen_id", sort=False):
+            axes.plot(other["pressure_kPa"], other["curvature_per_m"], color=MUTED, linewidth=0.8)
+        itself = rows[own]
+        curve = (itself["pressure_kPa"], itself["curvature_per_m"])
+        axes.plot(*curve, color=MUTED, linewidth=0.8, linestyle="--")
+        odd = itself[itself["set_aside"] > 0]
+        axes.plot(odd["pressure_kPa"], odd["curvature_per_m"], "o", color=BASE_COLOUR, markersize=3)
+        axes.set_title(f"{name}, {rate:.3g} %")
+    figure.supxlabel(axis_label("pressure_kPa"))
+    figure.supylabel(axis_label("curvature_per_m"))
+    entries = {
+        "set aside": key(BASE_COLOUR, marker="o", line=False),
+        "the specimen itself": key(MUTED, dashed=True),
+        "others of the same rate": key(MUTED),
+    }
+    legend_above(figure, entries)
     return figure
 
 
@@ -301,20 +326,6 @@ def path_keys(unloading: NDArray[np.bool_], later: NDArray[np.bool_]) -> dict[st
     if later.any():
         entries["later cycles"] = key(INK, marker=marker_of(later=True, unloading=False))
     return entries
-
-
-def _keys(observations: pd.DataFrame, noise_per_m: float | None) -> dict[str, Line2D]:
-    entries = {
-        model_words(model): key(COLOURS[model], marker="o")
-        for model in (BASE, FINAL)
-        if (observations["model"] == model).any()
-    }
-    if noise_per_m is not None:
-        entries["± one standard deviation of the noise"] = key(MUTED)
-        entries["± one standard deviation of the noise"].set(linewidth=6, alpha=0.3)
-    unloading = (observations["branch"] == UNLOADING).to_numpy(bool)
-    later = (observations["cycle"] > 1).to_numpy(bool)
-    return entries | path_keys(unloading, later)
 
 
 def _draw_curves(axes: Axes, chosen: pd.DataFrame, colour: str, specimens: Sequence[str]) -> None:
@@ -356,10 +367,8 @@ def _name(axes: Axes, specimen: str, curve: pd.DataFrame) -> None:
     )
 
 
-def _residuals(shown: Shown) -> Sketch | None:
-    observations, misfit = shown.tables["observations"], shown.verdict.misfit
-    if observations is None:
-        return None
+def _residuals(shown: Shown, observations: pd.DataFrame) -> Sketch:
+    misfit = shown.verdict.misfit
     levels = panel_levels(by_level(shown.tables["levels"]), shown.tables["bands"], observations)
     figure = residual_figure(
         observations,
@@ -376,28 +385,28 @@ def _residuals(shown: Shown) -> Sketch | None:
     return Sketch(figure, facts)
 
 
-def _null(shown: Shown) -> Sketch | None:
-    null, statistic = shown.tables["misfit_null"], shown.run.misfit
-    if null is None:
+def _suspects(_: Shown, rows: pd.DataFrame) -> Sketch | None:
+    out = rows[rows["set_aside"] > 0]
+    if out.empty:
         return None
+    names = dict.fromkeys(out["specimen_id"].astype(str))
+    return Sketch(suspects_figure(rows), {"count": len(out), "names": list(map(words, names))})
+
+
+def _null(shown: Shown, null: pd.DataFrame) -> Sketch:
+    statistic = shown.run.misfit
     figure = null_figure(null, observed=statistic.observed, name=statistic.name)
     return Sketch(figure, {"studies": len(null), "observed": statistic.observed})
 
 
-def _bands(shown: Shown) -> Sketch | None:
-    bands, observations = shown.tables["bands"], shown.tables["observations"]
-    if bands is None:
-        return None
-    levels = panel_levels(bands)
+def _bands(shown: Shown, bands: pd.DataFrame) -> Sketch:
+    observations, levels = shown.tables["observations"], panel_levels(bands)
     facts = {"levels": levels, "measured": observations is not None}
     figure = bands_figure(bands, observations, levels, degrades=shown.run.degrades)
     return Sketch(figure, facts)
 
 
-def _rupture(shown: Shown) -> Sketch | None:
-    rupture = shown.tables["rupture"]
-    if rupture is None:
-        return None
+def _rupture(shown: Shown, rupture: pd.DataFrame) -> Sketch:
     model, counts = shown.run.model, shown.verdict.rupture_counts
     measured = () if model is None else model.measured.get("pressure_kPa", ())
     tested = measured[-1] if measured else None
@@ -413,10 +422,7 @@ def _rupture(shown: Shown) -> Sketch | None:
     return Sketch(figure, facts)
 
 
-def _elongation(shown: Shown) -> Sketch | None:
-    elongation = shown.tables["elongation"]
-    if elongation is None:
-        return None
+def _elongation(shown: Shown, elongation: pd.DataFrame) -> Sketch:
     return Sketch(elongation_figure(elongation, degrades=shown.run.degrades))
 
 
@@ -424,7 +430,7 @@ FIGURES = (
     PageFigure(
         "residuals",
         "misfit",
-        _residuals,
+        of_table("observations", _residuals),
         "Measured less simulated curvature against pressure: "
         "{% if degrades %}a panel for each degradation rate, {% endif %}a line for each specimen. "
         "If the model is right, readings scatter about zero within the noise. "
@@ -437,7 +443,7 @@ FIGURES = (
     PageFigure(
         "null",
         "misfit",
-        _null,
+        of_table("misfit_null", _null),
         "The misfit statistic of {{ studies }} studies simulated from the fitted base model; in "
         "this study it is {{ observed | number }}.",
         ("misfit_null",),
@@ -446,7 +452,7 @@ FIGURES = (
     PageFigure(
         "bands",
         "curvature",
-        _bands,
+        of_table("bands", _bands),
         "Measured curvature against pressure, and the curvature predicted for new specimens"
         "{% if degrades %} at {{ levels | map('level') | join(', ') }} degradation. All panels "
         "have one scale{% endif %}."
@@ -459,7 +465,7 @@ FIGURES = (
     PageFigure(
         "rupture",
         "rupture",
-        _rupture,
+        of_table("rupture", _rupture),
         "Probability that the actuator bursts up to a pressure, with its 90 % interval."
         "{% if beyond %} Dashed: above the {{ tested | number }} kPa that were tested, up to the "
         "end of the forward map's range.{% endif %}"
@@ -473,10 +479,20 @@ FIGURES = (
     PageFigure(
         "elongation",
         "rupture",
-        _elongation,
+        of_table("elongation", _elongation),
         "Elongation at break{% if degrades %} against degradation rate: 90 % band{% else %}: "
         "median, 90 % interval{% endif %} and measured specimens.",
         ("elongation",),
         half=True,
+    ),
+    PageFigure(
+        "suspects",
+        "data",
+        of_table("set_aside", _suspects),
+        "Curvature against pressure of specimens with readings set aside, and others of "
+        "the same degradation rate: {{ count }} reading{{ 's' if count != 1 }} of "
+        "{{ names | listed }} excluded from calibration and verdict.",
+        ("set_aside", "suspects"),
+        title="Readings that were set aside",
     ),
 )

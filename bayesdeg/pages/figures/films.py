@@ -22,14 +22,17 @@ from bayesdeg.pages.drawing import (
     key,
     label_rates,
     legend_above,
+    model_keys,
+    of_table,
     panels,
     points,
     points_key,
+    quantile_bands,
     side_by_side,
     styled,
 )
 from bayesdeg.pages.summaries import BASE, FINAL, MOST_LEVELS
-from bayesdeg.pages.wording import level_words, model_words, words
+from bayesdeg.pages.wording import level_words, words
 from bayesdeg.quantities import axis_label
 
 APART = 0.25  # between points of one degradation rate, where there is no other [%]
@@ -76,15 +79,15 @@ def constants_figure(
         if single_rate:
             _draw_at_one_rate(axes, chosen, values)
         else:
-            _draw_along_rates(axes, chosen, values)
+            for model in (BASE, FINAL):
+                curve = chosen[chosen["model"] == model].sort_values("degradation_pct")
+                quantile_bands(axes, "degradation_pct", curve, COLOURS[model], (0.16, 0.22))
+            if values is not None:
+                _draw_values(axes, values)
         axes.set_title(words(name))
         axes.set_ylabel(f"{words(name)} [{chosen['unit'].iloc[0]}]")
     label_rates(figure, every_axes, degrades=degrades)
-    entries = {
-        model_words(model): key(COLOURS[model])
-        for model in (BASE, FINAL)
-        if (constants["model"] == model).any()
-    }
+    entries = model_keys(constants)
     if measured is not None and measured["quantity"].isin(names).any():
         entries["measured ± sd"] = points_key()
     legend_above(figure, entries)
@@ -133,25 +136,15 @@ def tensile_figure(tensile: pd.DataFrame, *, degrades: bool = True) -> Figure:
             & (tensile["fitted"] == float(panel.fitted))
         ]
         for model in (BASE, FINAL):
-            _draw_fit(axes, here[here["model"] == model], COLOURS[model])
+            curve = here[here["model"] == model].sort_values("stretch")
+            band(axes, curve["stretch"], curve["q05_MPa"], curve["q95_MPa"], COLOURS[model], 0.2)
+            axes.plot(curve["stretch"], curve["mean_MPa"], color=COLOURS[model])
         _draw_stress(axes, here)
         axes.set_title(panel.title(degrades=degrades), color=INK if panel.fitted else BASE_COLOUR)
-    figure.supxlabel(f"{axis_label('stretch')} [–]", fontsize=8.0)
-    figure.supylabel("nominal stress [MPa]", fontsize=8.0)
-    entries = {"measured": points_key()} | {
-        model_words(model): key(COLOURS[model])
-        for model in (BASE, FINAL)
-        if (tensile["model"] == model).any()
-    }
-    legend_above(figure, entries)
+    figure.supxlabel(f"{axis_label('stretch')} [–]")
+    figure.supylabel("nominal stress [MPa]")
+    legend_above(figure, {"measured": points_key()} | model_keys(tensile))
     return figure
-
-
-def _draw_along_rates(axes: Axes, chosen: pd.DataFrame, values: pd.DataFrame | None) -> None:
-    for model in (BASE, FINAL):
-        _draw_constant(axes, chosen[chosen["model"] == model], COLOURS[model])
-    if values is not None:
-        _draw_values(axes, values)
 
 
 def _draw_at_one_rate(axes: Axes, chosen: pd.DataFrame, values: pd.DataFrame | None) -> None:
@@ -167,14 +160,6 @@ def _draw_at_one_rate(axes: Axes, chosen: pd.DataFrame, values: pd.DataFrame | N
     axes.set_xticks([rate], [f"{rate:.3g}"])
 
 
-def _draw_constant(axes: Axes, chosen: pd.DataFrame, colour: str) -> None:
-    curve = chosen.sort_values("degradation_pct")
-    rate = curve["degradation_pct"]
-    band(axes, rate, curve["q05"], curve["q95"], colour, 0.16)
-    band(axes, rate, curve["q25"], curve["q75"], colour, 0.22)
-    axes.plot(rate, curve["q50"], color=colour)
-
-
 def _draw_values(axes: Axes, measured: pd.DataFrame) -> None:
     axes.errorbar(
         measured["degradation_pct"],
@@ -186,12 +171,6 @@ def _draw_values(axes: Axes, measured: pd.DataFrame) -> None:
         markersize=4,
         linewidth=1,
     )
-
-
-def _draw_fit(axes: Axes, here: pd.DataFrame, colour: str) -> None:
-    curve = here.sort_values("stretch")
-    band(axes, curve["stretch"], curve["q05_MPa"], curve["q95_MPa"], colour, 0.2)
-    axes.plot(curve["stretch"], curve["mean_MPa"], color=colour)
 
 
 def _draw_stress(axes: Axes, here: pd.DataFrame) -> None:
@@ -227,9 +206,7 @@ def course_figure(course: pd.DataFrame) -> Figure:
     band(left, time, curve["moisture_q05"], curve["moisture_q95"], FINAL_COLOUR, 0.18)
     left.plot(time, curve["moisture_q50"], color=FINAL_COLOUR)
     points(left, films["time_h"], films["moisture_pct"])
-    band(right, time, curve["q05"], curve["q95"], FINAL_COLOUR, 0.18)
-    band(right, time, curve["q25"], curve["q75"], FINAL_COLOUR, 0.28)
-    right.plot(time, curve["q50"], color=FINAL_COLOUR)
+    quantile_bands(right, "time_h", curve, FINAL_COLOUR)
     points(right, films["time_h"], films["degradation_pct"])
     right.axhline(0.0, color=INK, linewidth=0.6, alpha=0.5)
     left.set_ylabel(axis_label("moisture_content_pct"))
@@ -240,19 +217,13 @@ def course_figure(course: pd.DataFrame) -> Figure:
     return figure
 
 
-def _constants(shown: Shown) -> Sketch | None:
-    constants = shown.tables["constants"]
-    if constants is None:
-        return None
+def _constants(shown: Shown, constants: pd.DataFrame) -> Sketch:
     rate = float(constants["degradation_pct"].iloc[0]) if has_one_rate(constants) else None
     figure = constants_figure(constants, shown.tables["measured"], degrades=shown.run.degrades)
     return Sketch(figure, {"rate": rate})
 
 
-def _tensile(shown: Shown) -> Sketch | None:
-    tensile = shown.tables["tensile"]
-    if tensile is None:
-        return None
+def _tensile(shown: Shown, tensile: pd.DataFrame) -> Sketch:
     drawn = tensile_panels(tensile)
     facts = {
         "held_out": any(not panel.fitted for panel in drawn),
@@ -262,16 +233,11 @@ def _tensile(shown: Shown) -> Sketch | None:
     return Sketch(tensile_figure(tensile, degrades=shown.run.degrades), facts)
 
 
-def _course(shown: Shown) -> Sketch | None:
-    course = shown.tables["course"]
-    return None if course is None else Sketch(course_figure(course))
-
-
 FIGURES = (
     PageFigure(
         "constants",
         "posterior",
-        _constants,
+        of_table("constants", _constants),
         "Constants of Yeoh's law and Young's modulus{% if rate is none %} against degradation "
         "rate: posterior median with 50 % and 90 % bands{% else %}{% if degrades %} at "
         "{{ rate | level }} degradation, the only rate of the study{% endif %}: posterior median "
@@ -281,7 +247,7 @@ FIGURES = (
     PageFigure(
         "tensile",
         "tensile",
-        _tensile,
+        of_table("tensile", _tensile),
         "Nominal stress against stretch: measured, and predicted with 90 % intervals."
         "{% if held_out %} Panels marked as held out were not used in the fit.{% endif %}"
         "{% if drawn < all %} {{ drawn }} of {{ all }} combinations of mode and rate are drawn."
@@ -291,7 +257,7 @@ FIGURES = (
     PageFigure(
         "course",
         "data",
-        _course,
+        of_table("course", lambda _, course: Sketch(course_figure(course))),
         "Left: moisture content of films taken out of the soil, with the 90 % band of a film. "
         "Right: their degradation rate against the mean fresh moisture, with the 50 % and 90 % "
         "bands of the mean film.",

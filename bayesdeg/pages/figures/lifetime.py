@@ -14,6 +14,7 @@ from bayesdeg.pages.drawing import (
     band,
     key,
     legend_above,
+    of_table,
     panels,
     styled,
 )
@@ -66,10 +67,7 @@ def _banded(
     axes.set_ylim(bottom=0.0)
 
 
-def _lifetime(shown: Shown) -> Sketch | None:
-    lifetime = shown.tables["lifetime"]
-    if lifetime is None:
-        return None
+def _lifetime(shown: Shown, lifetime: pd.DataFrame) -> Sketch:
     first = lifetime.iloc[0]
     facts: dict[str, float | None] = {
         name: float(first[name]) for name in ("pressure_kPa", "wanted_per_m", "risk")
@@ -85,7 +83,7 @@ FIGURES = (
     PageFigure(
         "lifetime",
         "rupture",
-        _lifetime,
+        of_table("lifetime", _lifetime),
         "The life of a new actuator in the soil, by the films' course of degradation. Its duty is "
         "a curvature of {{ wanted_per_m | number }} 1/m at {{ pressure_kPa | number }} kPa. Left: "
         "probability of having failed, that is of bending less or having burst"

@@ -6,9 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
 
 from bayesdeg.material.hyperelastic import nominal_stress
 from bayesdeg.material.laws import CONSTANTS, FORMS
@@ -23,6 +21,7 @@ from bayesdeg.pages.drawing import (
     key,
     legend_above,
     level_colour,
+    of_table,
     points,
     points_key,
     styled,
@@ -52,8 +51,7 @@ def drawn_panels(laws: pd.DataFrame, tensile: pd.DataFrame) -> list[tuple[float,
     laws, tensile : pandas.DataFrame
         Tables ``material_laws`` and ``tensile``.
     """
-    rates = laws.loc[laws["degradation_pct"] != ALL_LEVELS, "degradation_pct"]
-    every = sorted({float(rate) for rate in rates})
+    every = sorted({float(rate) for rate in laws["degradation_pct"] if rate != ALL_LEVELS})
     modes = list(dict.fromkeys(tensile.loc[tensile["fitted"] == 1, "mode"]))
     found = [one for one in product(every, modes) if len(_films(tensile, every, *one))]
     kept = np.linspace(0, len(found) - 1, min(len(found), MOST_PANELS)).round().astype(int)
@@ -75,23 +73,38 @@ def laws_figure(laws: pd.DataFrame, tensile: pd.DataFrame, *, degrades: bool = T
     judged = laws["held_out_rmse_MPa"].notna().any()
     rows = -(-(len(chosen) + int(judged)) // COLUMNS)
     figure = Figure(figsize=(FULL_WIDTH, 2.2 * rows + 0.45), layout="constrained")
-    grid = list(figure.subplots(rows, COLUMNS, squeeze=False).flat)
+    every_axes = list(figure.subplots(rows, COLUMNS, squeeze=False).flat)
     if judged:
-        _draw_errors(grid.pop(0), laws, degrades=degrades)
-    every = sorted({float(r) for r in laws["degradation_pct"] if r != ALL_LEVELS})
-    for axes, (level, mode) in zip(grid, chosen, strict=False):
+        _draw_errors(every_axes.pop(0), laws, degrades=degrades)
+    rates = laws["degradation_pct"].map(lambda r: np.nan if r == ALL_LEVELS else float(r))
+    every = sorted(set(rates.dropna()))
+    for axes, (level, mode) in zip(every_axes, chosen, strict=False):
         films = _films(tensile, every, level, mode)
-        _draw_laws(axes, _of_level(laws, level), mode, films["stretch"].to_numpy(float))
+        stretch = films["stretch"].to_numpy(float)
+        grid = np.linspace(min(1.0, stretch.min()), stretch.max(), POINTS)
+        for row in laws[rates == level].to_dict("records"):
+            name = str(row["law"])
+            constants = {one: float(row[one]) for one in CONSTANTS}
+            axes.plot(
+                grid,
+                nominal_stress(FORMS[name].solid(constants), grid, mode=mode),
+                color=_colour(name),
+                linestyle=_dashes(name),
+                linewidth=2.2 if row["used"] else 1.2,
+            )
         points(axes, films["stretch"], films["stress_MPa"])
         axes.set_ylim(0.0 if films["stress_MPa"].min() >= 0.0 else None,
                       1.15 * films["stress_MPa"].max())  # fmt: skip
         axes.set_title(f"{mode}, {level_words(level)}" if degrades else mode)
         axes.set_xlabel(f"{axis_label('stretch')} [–]")
         axes.set_ylabel("nominal stress [MPa]")
-    for axes in grid[len(chosen) :]:
+    for axes in every_axes[len(chosen) :]:
         axes.set_axis_off()
-    names = dict.fromkeys(laws["law"])
-    legend_above(figure, {"measured": points_key()} | {words(n): _key(n) for n in names})
+    entries = {"measured": points_key()}
+    for name in dict.fromkeys(laws["law"]):
+        entries[words(name)] = key(_colour(name))
+        entries[words(name)].set_linestyle(_dashes(name))
+    legend_above(figure, entries)
     return figure
 
 
@@ -105,35 +118,12 @@ def _films(tensile: pd.DataFrame, every: list[float], level: float, mode: str) -
     return found
 
 
-def _of_level(laws: pd.DataFrame, level: float) -> pd.DataFrame:
-    rates = laws["degradation_pct"].map(lambda r: np.nan if r == ALL_LEVELS else float(r))
-    here: pd.DataFrame = laws[rates == level]
-    return here
-
-
 def _colour(name: str) -> str:
     return level_colour(list(FORMS).index(name), len(FORMS))
 
 
-def _key(name: str) -> Line2D:
-    entry = key(_colour(name))
-    entry.set_linestyle(DASHES[list(FORMS).index(name)])
-    return entry
-
-
-def _draw_laws(axes: Axes, laws: pd.DataFrame, mode: str, stretch: NDArray[np.float64]) -> None:
-    grid = np.linspace(min(1.0, stretch.min()), stretch.max(), POINTS)
-    for row in laws.to_dict("records"):
-        name = str(row["law"])
-        constants = {one: float(row[one]) for one in CONSTANTS}
-        stress = nominal_stress(FORMS[name].solid(constants), grid, mode=mode)
-        axes.plot(
-            grid,
-            stress,
-            color=_colour(name),
-            linestyle=DASHES[list(FORMS).index(name)],
-            linewidth=2.2 if row["used"] else 1.2,
-        )
+def _dashes(name: str) -> Dashes:
+    return DASHES[list(FORMS).index(name)]
 
 
 def _draw_errors(axes: Axes, laws: pd.DataFrame, *, degrades: bool) -> None:
@@ -149,21 +139,17 @@ def _draw_errors(axes: Axes, laws: pd.DataFrame, *, degrades: bool) -> None:
                   markersize=6, markeredgecolor=PAPER)  # fmt: skip
     axes.set_yscale("log")
     for axis_format in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-        axis_format(FuncFormatter(_plain))
+        # 1, 2 and 5 in each decade
+        axis_format(FuncFormatter(lambda x, _=None: f"{x:g}" if f"{x:e}"[0] in "125" else ""))
     axes.set_xticks(range(len(names)), [words(name) for name in names], rotation=30, ha="right")
     axes.set_xlim(-0.5, len(names) - 0.5)
     axes.set_ylabel("rms error of held-out films [MPa]")
     axes.set_title("films left out in turn", color=INK)
 
 
-def _plain(value: float, _place: int | None = None) -> str:
-    """Word a tick of a logarithmic axis: 1, 2 and 5 in each decade."""
-    return f"{value:g}" if f"{value:e}"[0] in "125" else ""
-
-
-def _laws(shown: Shown) -> Sketch | None:
-    laws, tensile = shown.tables["material_laws"], shown.tables["tensile"]
-    if laws is None or tensile is None:
+def _laws(shown: Shown, laws: pd.DataFrame) -> Sketch | None:
+    tensile = shown.tables["tensile"]
+    if tensile is None:
         return None
     facts = {
         "judged": bool(laws["held_out_rmse_MPa"].notna().any()),
@@ -176,7 +162,7 @@ FIGURES = (
     PageFigure(
         "material-laws",
         "tensile",
-        _laws,
+        of_table("material_laws", _laws),
         "{% if judged %}First panel: error of films predicted from the others "
         "{% if degrades %}of their degradation rate, at each rate (dashes) and of all (points)"
         "{% else %}(points){% endif %}. {% endif %}Curves: five laws fitted to all films"

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
-from bayesdeg.pages.drawing import PageFigure, Shown, Sketch
+from bayesdeg.pages.drawing import PageFigure, Shown, Sketch, of_table
 from bayesdeg.pages.summaries import BASE, FINAL
 from bayesdeg.pages.wording import level_words, number
 
@@ -41,7 +41,12 @@ def photographs_svg(rows: pd.DataFrame, pictures: Mapping[str, bytes], *, degrad
     str
         An ``<svg>`` element that refers to nothing outside itself but the page's style.
     """
-    parts = list(_legend(rows))
+    parts, at = [], 0.0
+    for line in LABELS:
+        if (rows["line"] == line).any():
+            parts.append(_polyline(f"{at:.0f},9 {at + 26:.0f},9", line))
+            parts.append(f'<text x="{at + 32:.0f}" y="13">{LABELS[line]}</text>')
+            at += 130.0
     names = list(dict.fromkeys(rows["picture"]))
     columns = min(COLUMNS, len(names))
     wide = (WIDTH - ROOM * (columns - 1)) / columns
@@ -61,22 +66,12 @@ def photographs_svg(rows: pd.DataFrame, pictures: Mapping[str, bytes], *, degrad
     return f'<svg {box} {style} xmlns="http://www.w3.org/2000/svg">{"".join(parts)}</svg>'
 
 
-def _legend(rows: pd.DataFrame) -> Iterator[str]:
-    at = 0.0
-    for line in LABELS:
-        if (rows["line"] == line).any():
-            points = f"{at:.0f},9 {at + 26:.0f},9"
-            yield _polyline(points, line)
-            yield f'<text x="{at + 32:.0f}" y="13">{LABELS[line]}</text>'
-            at += 130.0
-
-
-def _polyline(points: str, line: str, scale: float = 1.0) -> str:
+def _polyline(points: str, line: str) -> str:
     """Return a line with a light rim, which is seen on any photograph."""
     style = f'stroke-dasharray="{DASHES[line]}" vector-effect="non-scaling-stroke"'
     rim = f'<polyline points="{points}" fill="none" stroke="#fff" stroke-opacity="0.75" '
     core = f'<polyline points="{points}" fill="none" stroke="{COLOURS[line]}" '
-    return f'{rim}stroke-width="{4.0 * scale:g}"/>{core}stroke-width="{2.0 * scale:g}" {style}/>'
+    return f'{rim}stroke-width="4"/>{core}stroke-width="2" {style}/>'
 
 
 def _panel(
@@ -106,11 +101,9 @@ def _title(row: pd.Series, *, degrades: bool) -> str:
     return f"{row['specimen_id']}, {row['pressure_kPa']:.4g} kPa{rate}"
 
 
-def _photographs(shown: Shown) -> Sketch | None:
-    rows, traces = shown.tables["photo_lines"], shown.tables["traces"]
-    if rows is None:
-        return None
-    rows = rows[rows["picture"].isin(list(shown.pictures))]
+def _photographs(shown: Shown, lines: pd.DataFrame) -> Sketch | None:
+    traces = shown.tables["traces"]
+    rows = lines[lines["picture"].isin(list(shown.pictures))]
     if rows.empty:
         return None
     degrades = shown.run.degrades
@@ -136,7 +129,7 @@ FIGURES = (
     PageFigure(
         "photographs",
         "curvature",
-        _photographs,
+        of_table("photo_lines", _photographs),
         "Photographs of actuators with the traced and the predicted lines"
         "{{ ' before and after the cause' if both }}. A predicted line starts and is as long "
         "as the traced one, bends by the predicted curvature of that "

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from bayesdeg.pages.drawing import (
     COLOURS,
@@ -18,13 +17,15 @@ from bayesdeg.pages.drawing import (
     band,
     key,
     legend_above,
+    model_keys,
+    of_table,
     panels,
     points,
     points_key,
     styled,
 )
 from bayesdeg.pages.summaries import BASE, FINAL, MOST_LEVELS
-from bayesdeg.pages.wording import model_words, words
+from bayesdeg.pages.wording import words
 from bayesdeg.quantities import DIMENSIONLESS
 
 type Panel = tuple[str, pd.DataFrame]
@@ -42,7 +43,7 @@ def readings_figure(fitted: pd.DataFrame) -> Figure:
     figure = _drawn(fitted, _bands, "")
     entries = {"reading of a new specimen: 50 % and 90 % band": key(FINAL_COLOUR)}
     entries["measured"] = points_key()
-    legend_above(figure, entries | _models(fitted))
+    legend_above(figure, entries | model_keys(fitted, dashed=True))
     return figure
 
 
@@ -50,15 +51,8 @@ def readings_figure(fitted: pd.DataFrame) -> Figure:
 def residuals_figure(fitted: pd.DataFrame) -> Figure:
     """Draw readings less the means of both models, a panel a test."""
     figure = _drawn(fitted, _residuals, "measured − predicted")
-    legend_above(figure, _models(fitted, marker="o"))
+    legend_above(figure, model_keys(fitted, marker="o"))
     return figure
-
-
-def _models(fitted: pd.DataFrame, marker: str = "") -> dict[str, Line2D]:
-    there = [name for name in (BASE, FINAL) if (fitted["model"] == name).any()]
-    return {
-        model_words(name): key(COLOURS[name], marker=marker, dashed=not marker) for name in there
-    }
 
 
 def _drawn(fitted: pd.DataFrame, draw: Callable[[Axes, pd.DataFrame], None], what: str) -> Figure:
@@ -82,12 +76,8 @@ def _panels(fitted: pd.DataFrame) -> Iterator[Panel]:
             continue
         for level in levels:
             chosen = rows[rows["level"] == level]
-            yield f"{words(str(kind))} at {level:.3g} {_text(chosen['level_unit'])}".strip(), chosen
-
-
-def _text(cells: pd.Series) -> str:
-    """Return what stands in all cells; an empty one is read as missing."""
-    return str(cells.fillna("").iloc[0])
+            unit = chosen["level_unit"].fillna("").iloc[0]  # an empty cell is read as missing
+            yield f"{words(str(kind))} at {level:.3g} {unit}".strip(), chosen
 
 
 def _by_place(rows: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
@@ -120,13 +110,10 @@ def _residuals(axes: Axes, chosen: pd.DataFrame) -> None:
 
 
 def _sketch(draw: Callable[[pd.DataFrame], Figure]) -> Callable[[Shown], Sketch | None]:
-    def sketch(shown: Shown) -> Sketch | None:
-        fitted = shown.tables["fitted"]
-        if fitted is None:
-            return None
+    def sketch(_: Shown, fitted: pd.DataFrame) -> Sketch:
         return Sketch(draw(fitted), {"kinds": list(map(words, dict.fromkeys(fitted["kind"])))})
 
-    return sketch
+    return of_table("fitted", sketch)
 
 
 FIGURES = (

@@ -4,7 +4,6 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayesdeg.pages.drawing import (
@@ -15,6 +14,7 @@ from bayesdeg.pages.drawing import (
     key,
     legend_above,
     level_colour,
+    of_table,
     panels,
     styled,
 )
@@ -55,30 +55,27 @@ def shares_figure(shares: pd.DataFrame, *, degrades: bool = True) -> Figure:
     figure, every_axes = panels(len(panes), columns=2)
     table = shares.pivot_table(index=[over, along], columns="source", values="share")
     bars = np.unique(shares[along].to_numpy(float))
+    place = np.arange(len(bars))
     for axes, pane in zip(every_axes, panes, strict=True):
-        _stack(axes, table.loc[pane].reindex(index=bars, columns=there))
+        rows, below = table.loc[pane].reindex(index=bars, columns=there), np.zeros(len(bars))
+        for index, source in enumerate(there):
+            share = rows[source].to_numpy(float)
+            # rounding may leave a share a little below nothing
+            height = np.maximum(np.nan_to_num(share), 0.0)
+            colour = level_colour(index, len(there))
+            axes.bar(place, height, 0.8, bottom=below, color=colour, edgecolor=PAPER, linewidth=0.4)
+            below += height
+        axes.set_xticks(place, [f"{bar:.3g}" for bar in bars])
+        axes.set_ylim(0.0, 1.0)
+        axes.grid(visible=False, axis="x")
         axes.set_title(f"{pane:g} kPa" if degrades else "")
-    figure.supxlabel(axis_label(along), fontsize=8.0)
-    figure.supylabel("share of the variance [–]", fontsize=8.0)
+    figure.supxlabel(axis_label(along))
+    figure.supylabel("share of the variance [–]")
     entries = {WORDS[source]: key(level_colour(i, len(there))) for i, source in enumerate(there)}
     for entry in entries.values():
         entry.set(linewidth=6)
     legend_above(figure, entries)
     return figure
-
-
-def _stack(axes: Axes, shares: pd.DataFrame) -> None:
-    """Draw a bar for each degradation rate; shares have a column a source."""
-    place, below = np.arange(len(shares)), np.zeros(len(shares))
-    for index, source in enumerate(shares):
-        # rounding may leave a share a little below nothing
-        height = np.maximum(np.nan_to_num(shares[source].to_numpy(float)), 0.0)
-        colour = level_colour(index, shares.shape[1])
-        axes.bar(place, height, 0.8, bottom=below, color=colour, edgecolor=PAPER, linewidth=0.4)
-        below += height
-    axes.set_xticks(place, [f"{level:.3g}" for level in shares.index])
-    axes.set_ylim(0.0, 1.0)
-    axes.grid(visible=False, axis="x")
 
 
 def largest_of(shares: pd.DataFrame) -> dict[str, object]:
@@ -102,10 +99,7 @@ def largest_of(shares: pd.DataFrame) -> dict[str, object]:
     }
 
 
-def _shares(shown: Shown) -> Sketch | None:
-    shares = shown.tables["shares"]
-    if shares is None:
-        return None
+def _shares(shown: Shown, shares: pd.DataFrame) -> Sketch:
     return Sketch(shares_figure(shares, degrades=shown.run.degrades), largest_of(shares))
 
 
@@ -113,7 +107,7 @@ FIGURES = (
     PageFigure(
         "shares",
         "curvature",
-        _shares,
+        of_table("shares", _shares),
         "Shares of the variance of a curvature read on a new actuator, by source: a bar "
         "for each {% if degrades %}degradation rate, a panel for each pressure. At "
         "{{ level | level }} and {% else %}pressure. At {% endif %}"
