@@ -5,7 +5,7 @@ The dimensions of a pneunet are `bayesdeg.data.settings.Dimensions`.
 
 from dataclasses import dataclass, field, fields
 from math import hypot, isfinite, pi, sqrt
-from typing import ClassVar, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 Kind = Literal["pneunet", "ribbed", "cylindrical", "mesh"]
 ConstraintKind = Literal["paper", "film", "elastomer", "none"]
@@ -227,8 +227,6 @@ class RibbedDimensions:
     (1.84, 9.75)
     """
 
-    kind: ClassVar[Kind] = "ribbed"
-
     length: float = 37.8
     width: float = 32.0
     height: float = 18.5
@@ -241,6 +239,11 @@ class RibbedDimensions:
     passage_width: float = 0.65
     passage_height: float = 1.34
     passive: Passive = "open"
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "ribbed"
 
     @property
     def is_mirrored(self) -> bool:
@@ -380,8 +383,6 @@ class CylindricalDimensions:
     313.6
     """
 
-    kind: ClassVar[Kind] = "cylindrical"
-
     length: float = 61.2
     width: float = 33.5
     height: float = 19.6
@@ -393,6 +394,11 @@ class CylindricalDimensions:
     offset: float = 4.9
     passive: Passive = "open"
     section: Section = "block"
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "cylindrical"
 
     @property
     def is_round(self) -> bool:
@@ -562,8 +568,6 @@ class MeshDimensions:
     'give file = "part.msh", a mesh next to study.toml'
     """
 
-    kind: ClassVar[Kind] = "mesh"
-
     file: str = ""
     mesh_error: float = UNKNOWN_MESH_ERROR
     length: float = field(default=0.0, metadata=READ)
@@ -574,6 +578,11 @@ class MeshDimensions:
     cells: str = field(default="", metadata=READ)
     path: str = field(default="", metadata=READ)
     content: str = field(default="", metadata=READ)
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "mesh"
 
     @property
     def assumption(self) -> str:

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass as plain_dataclass
 from dataclasses import field, fields, is_dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval, Len
 from pydantic import (
@@ -110,8 +110,6 @@ class Dimensions:
     ()
     """
 
-    kind: ClassVar[Kind] = "pneunet"
-
     length: float = 50.0
     width: float = 10.0
     height: float = 10.0
@@ -125,6 +123,11 @@ class Dimensions:
     channel_width: float = 2.0
     channel_height: float = 1.5
     channel_roof: float = 1.0
+
+    @property
+    def kind(self) -> Kind:
+        """The family."""
+        return "pneunet"
 
     @property
     def usual_height(self) -> float:
