@@ -52,7 +52,14 @@ def trace_photographs(
     hints, lines = (
         {} if path is None else parse_lines(str(path), _content(path)) for path in (hint, line)
     )
-    known = _scale(grid, ruler, length, scale)
+    sizes = (_size(grid, "--grid"), _size(ruler, "--ruler"), _size(length, "--length"))
+    known = PictureScale(*sizes, scale)
+    if known == PictureScale():
+        raise typer.BadParameter("no scale is given; give --grid, --ruler, --length or --scale")
+    if scale is not None and not 0.0 < scale < 100.0:
+        raise typer.BadParameter(
+            f"--scale {scale:g} is not a pixel size in mm; give a number above 0"
+        )
     side = _SIDES.get(base or "")
     if base is not None and side is None:
         raise typer.BadParameter(f"--base {base!r}: write {', '.join(SIDES)}")
@@ -99,21 +106,6 @@ def _size(text: str | None, option: str) -> float | None:
     if not 0.0 < value < 1e4:
         raise typer.BadParameter(f"{option} {text!r} is not a length in mm; write 50, or '50 mm'")
     return value
-
-
-def _scale(
-    grid: str | None, ruler: str | None, length: str | None, scale: float | None
-) -> PictureScale:
-    known = PictureScale(
-        _size(grid, "--grid"), _size(ruler, "--ruler"), _size(length, "--length"), scale
-    )
-    if known == PictureScale():
-        raise typer.BadParameter("no scale is given; give --grid, --ruler, --length or --scale")
-    if scale is not None and not 0.0 < scale < 100.0:
-        raise typer.BadParameter(
-            f"--scale {scale:g} is not a pixel size in mm; give a number above 0"
-        )
-    return known
 
 
 def _refuse_names(photos: list[Path], out: Path) -> None:

@@ -23,7 +23,7 @@ from bayesdeg.files import (
     written,
 )
 from bayesdeg.records import FileRecord
-from bayesdeg_camera.tracing.picture import Colours, read_picture
+from bayesdeg_camera.tracing.picture import Colours, read_picture, resized
 from bayesdeg_camera.tracing.record import hash_of, marker_rows, pixel_rows
 from bayesdeg_camera.tracing.trace import PHOTO_MB
 
@@ -77,7 +77,7 @@ def write_overlay(
     which the scale is, (n, 2) [px].
     """
     factor = min(1.0, WIDTH / image.shape[1])
-    drawn = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    drawn = resized(image, factor)
     pixels = np.round(factor * 16.0 * np.array(photograph.pixels)).astype(np.int32)
     for i in range(len(pixels) - 1):
         colour = READ if photograph.seen[i] and photograph.seen[i + 1] else BETWEEN
@@ -165,11 +165,3 @@ def picture_of(folder: Path, photograph: TracedPhotograph) -> Colours:
     if hash_of(content) != photograph.sha256:
         raise BayesdegError(f"{path}: this is not the photograph that was traced; trace again")
     return read_picture(photograph.file, content)
-
-
-def save_correction(
-    folder: Path, photographs: Sequence[TracedPhotograph], changed: TracedPhotograph
-) -> None:
-    """Rewrite everything after one of the photographs was corrected by hand."""
-    write_traces(folder, photographs)
-    write_overlay(folder, changed, picture_of(folder, changed))

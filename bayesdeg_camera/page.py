@@ -25,7 +25,8 @@ from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import parse_json, reason
 from bayesdeg.pipeline.output import claimed
-from bayesdeg_camera.folder import picture_of, read_traces, save_correction
+from bayesdeg_camera.folder import picture_of, read_traces, write_overlay, write_traces
+from bayesdeg_camera.tracing.picture import resized
 from bayesdeg_camera.tracing.record import corrected
 from bayesdeg_camera.tracing.trace import OUTSIDE
 
@@ -87,7 +88,7 @@ class Correction:
         """Return a photograph as JPEG, no larger than a screen."""
         image = picture_of(self.folder, self.photographs[number])
         factor = min(1.0, SIDE / max(image.shape[:2]))
-        small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+        small = resized(image, factor)
         _, content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         return bytes(content)
 
@@ -104,7 +105,8 @@ class Correction:
             changed = corrected(self.photographs[number], pixels)
             photographs = [*self.photographs]
             photographs[number] = changed
-            save_correction(self.folder, photographs, changed)
+            write_traces(self.folder, photographs)
+            write_overlay(self.folder, changed, picture_of(self.folder, changed))
             self.photographs = photographs
             return self.shown(number)
 

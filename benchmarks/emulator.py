@@ -35,8 +35,6 @@ os.environ["MKL_NUM_THREADS"] = "1"
 
 import argparse
 import json
-import platform
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -47,7 +45,7 @@ import emulator_errors
 import emulator_held_out
 import emulator_posterior
 import emulator_speed
-from forward_case import say
+from forward_case import machine, say
 
 from bayesdeg.surrogate.kept import outdated
 from bayesdeg.surrogate.solutions import SolutionStore
@@ -56,16 +54,6 @@ from bayesdeg.surrogate.trained import default_surrogate, is_refined, read_train
 
 Document = dict[str, Any]
 STORE = Path(".cache/campaign")
-
-
-def machine() -> Document:
-    return {
-        "cores": os.cpu_count(),
-        "load_average": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
-        "platform": platform.platform(),
-        "python": platform.python_version(),
-        "date": time.strftime("%Y-%m-%d"),
-    }
 
 
 def accuracy(emulator: Surrogate, store: SolutionStore, document: Document) -> Document:

@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from emulator_held_out import inputs_of, path_of
+from emulator_held_out import inputs_of, path_of, show
 from forward_case import say
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Resolution
-from bayesdeg.surrogate.campaign import Finished, complete, missing
+from bayesdeg.surrogate.campaign import complete, missing
 from bayesdeg.surrogate.regression import FLOOR, Observed, observe
 from bayesdeg.surrogate.scaling import GROUPS, LOAD, MATERIAL, NAMES, Place, groups_of
 from bayesdeg.surrogate.solutions import Kind, Run, SolutionStore
@@ -219,9 +219,6 @@ def exact_gaps(
     runs = _runs(levels, count, geometry, mesh)
     left = len(missing(runs, store))
     say(f"{len(runs) - left} of {len(runs)} exact curves stand in the store")
-
-    def show(finished: Finished) -> None:
-        say(f"  {finished.solution.status.name} after {finished.seconds:.1f} s")
 
     solved = complete(runs, store, executor=executor, on_run=show)
     gaps: list[list[Gap]] = [[] for _ in levels]

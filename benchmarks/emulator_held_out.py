@@ -100,6 +100,11 @@ def inputs_of(curve: Curve, loads: Floats) -> Inputs:
     )
 
 
+def show(finished: Finished) -> None:
+    """Say how a run ended, and after what time."""
+    say(f"  {finished.solution.status.name} after {finished.seconds:.1f} s")
+
+
 def held_out(store: SolutionStore, *, count: int = CURVES) -> list[HeldOut]:
     """Return the held-out curves, those solved that the store lacks."""
     geometry = Geometry(Dimensions())
@@ -107,9 +112,6 @@ def held_out(store: SolutionStore, *, count: int = CURVES) -> list[HeldOut]:
     wanted = [Run(geometry, CONVERGED, curve, Kind.CURVE) for curve in curves]
     left = len(missing(wanted, store))
     say(f"{len(wanted) - left} of {len(wanted)} held-out curves stand in the store")
-
-    def show(finished: Finished) -> None:
-        say(f"  {finished.solution.status.name} after {finished.seconds:.1f} s")
 
     found = complete(wanted, store, on_run=show)
     return list(_paired(wanted, found, store))

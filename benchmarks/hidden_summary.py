@@ -53,48 +53,48 @@ def summary(found: list[Json], again: list[Json], redrawn: Iterable[Json] = ()) 
     alike = [_same(first[one["number"]], one) for one in redrawn if one["number"] in first]
     return {
         "studies": len(found),
-        "named_correctly": _share(_right(one) for one in seen),
-        "named_correctly_strong": _share(_right(one) for one in seen if _z(one) >= STRONG),
-        "named_alone": _share(one["causes"] == list(one["hidden"]) for one in seen),
-        "named_correctly_all_sizes": _share(_right(one) for one in single),
+        "named_correctly": share(_right(one) for one in seen),
+        "named_correctly_strong": share(_right(one) for one in seen if _z(one) >= STRONG),
+        "named_alone": share(one["causes"] == list(one["hidden"]) for one in seen),
+        "named_correctly_all_sizes": share(_right(one) for one in single),
         "visible_studies": len(seen),
         "strong_studies": sum(_z(one) >= STRONG for one in seen),
         "single_studies": len(single),
-        "false_name_rate": _share(one["outcome"] == "named" for one in none),
-        "none_adequate": _share(one["outcome"] == "adequate" for one in none),
+        "false_name_rate": share(one["outcome"] == "named" for one in none),
+        "none_adequate": share(one["outcome"] == "adequate" for one in none),
         "none_studies": len(none),
-        "outside_catalogue_named": _share(one["outcome"] == "named" for one in outside),
-        "outside_unexplained": _share(one["outcome"] == "unexplained" for one in outside),
+        "outside_catalogue_named": share(one["outcome"] == "named" for one in outside),
+        "outside_unexplained": share(one["outcome"] == "unexplained" for one in outside),
         "outside_studies": len(outside),
         "outside": _said(outside),
-        "two_causes_both_named": _share(_both(one) for one in pairs),
-        "two_causes_both_in_a_stated_set": _share(_both_stated(one) for one in pairs),
-        "two_causes_stated_exactly": _share(_exactly_stated(one) for one in pairs if "sets" in one),
-        "two_causes_none_wrong": _share(not _wrong(one) for one in pairs),
+        "two_causes_both_named": share(_both(one) for one in pairs),
+        "two_causes_both_in_a_stated_set": share(_both_stated(one) for one in pairs),
+        "two_causes_stated_exactly": share(_exactly_stated(one) for one in pairs if "sets" in one),
+        "two_causes_none_wrong": share(not _wrong(one) for one in pairs),
         "pair_studies": len(pairs),
-        "two_causes_both_named_not_on_one_scale": _share(_both(one) for one in apart),
+        "two_causes_both_named_not_on_one_scale": share(_both(one) for one in apart),
         "pair_studies_not_on_one_scale": len(apart),
-        "three_causes_all_named": _share(_both(one) for one in triples),
-        "three_causes_all_in_a_stated_set": _share(_both_stated(one) for one in triples),
+        "three_causes_all_named": share(_both(one) for one in triples),
+        "three_causes_all_in_a_stated_set": share(_both_stated(one) for one in triples),
         "triple_studies": len(triples),
-        "size_coverage_90": _share([*usual, *careful]),
+        "size_coverage_90": share([*usual, *careful]),
         "sizes": len(usual) + len(careful),
-        "size_coverage_90_usual_scatter": _share(usual),
+        "size_coverage_90_usual_scatter": share(usual),
         "sizes_usual_scatter": len(usual),
-        "size_coverage_90_little_scatter": _share(careful),
+        "size_coverage_90_little_scatter": share(careful),
         "sizes_little_scatter": len(careful),
-        "ambiguous_rate": _share(one["outcome"] == "ambiguous" for one in found),
-        "wrongly_named": _share(_wrong(one) for one in single),
-        "baseline_named_correctly": _share(
+        "ambiguous_rate": share(one["outcome"] == "ambiguous" for one in found),
+        "wrongly_named": share(_wrong(one) for one in single),
+        "baseline_named_correctly": share(
             one["baseline"]["named"] in one["hidden"] for one in seen
         ),
-        "baseline_false_name_rate": _share(bool(one["baseline"]["named"]) for one in none),
-        "baseline_outside_named": _share(bool(one["baseline"]["named"]) for one in outside),
+        "baseline_false_name_rate": share(bool(one["baseline"]["named"]) for one in none),
+        "baseline_outside_named": share(bool(one["baseline"]["named"]) for one in outside),
         "seconds_per_verdict": float(np.median([one["seconds_verdict"] for one in found])),
         "seconds_per_fit": float(np.median([one["seconds_fit"] for one in found])),
-        "same_verdict": _share(same),
+        "same_verdict": share(same),
         "compared_efforts": len(same),
-        "same_verdict_redrawn": _share(alike),
+        "same_verdict_redrawn": share(alike),
         "compared_draws": len(alike),
         "power": _power(single),
         "confusion": _said(seen),
@@ -177,7 +177,8 @@ def _same(quick: Json, standard: Json) -> bool:
     )
 
 
-def _share(flags: Iterable[bool]) -> float | None:
+def share(flags: Iterable[bool]) -> float | None:
+    """Return the share that is true; None without any."""
     found = list(flags)
     return float(np.mean(found)) if found else None
 
@@ -190,9 +191,9 @@ def _power(single: list[Json]) -> list[Json]:
             {
                 "size_sd": f"{low:g}–{high:g}",
                 "studies": len(inside),
-                "named": _share(one["causes"] == list(one["hidden"]) for one in inside),
-                "right": _share(_right(one) for one in inside),
-                "baseline": _share(one["baseline"]["named"] in one["hidden"] for one in inside),
+                "named": share(one["causes"] == list(one["hidden"]) for one in inside),
+                "right": share(_right(one) for one in inside),
+                "baseline": share(one["baseline"]["named"] in one["hidden"] for one in inside),
             }
         )
     return rows

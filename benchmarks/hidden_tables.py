@@ -50,7 +50,7 @@ def _rates(figures: Json) -> str:
         for key, words, of in SAID
         if figures.get(key) is not None
     ]
-    return _table(("what", "of", "pipeline", "closed form"), rows)
+    return as_table(("what", "of", "pipeline", "closed form"), rows)
 
 
 def _power(rows: Iterable[Json]) -> str:
@@ -66,7 +66,7 @@ def _power(rows: Iterable[Json]) -> str:
         "right",
         "closed form",
     )
-    return _table(heads, shown)
+    return as_table(heads, shown)
 
 
 def _said(table: dict[str, dict[str, int]]) -> str:
@@ -76,13 +76,14 @@ def _said(table: dict[str, dict[str, int]]) -> str:
     rows = [
         (f"`{hidden}`", sum(counts.values()), words(counts)) for hidden, counts in table.items()
     ]
-    return _table(("hidden, 5 standard deviations and more", "studies", "what was said"), rows)
+    return as_table(("hidden, 5 standard deviations and more", "studies", "what was said"), rows)
 
 
 def _share(value: object) -> str:
     return f"{value:.2f}" if isinstance(value, float) else ""
 
 
-def _table(heads: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
+def as_table(heads: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
+    """Return a table in Markdown."""
     lines = [heads, ("---",) * len(heads), *rows]
     return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)

@@ -22,6 +22,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
+from hidden_tables import as_table
 from other_methods import METHODS as OTHERS
 from other_methods import FittedStudy, fit_study
 from threadpoolctl import threadpool_limits
@@ -171,7 +172,7 @@ def markdown(scores: dict[str, Score]) -> str:
     rows.append(("causes stated per hidden cause, if right", "", *map(_said, scores.values())))
     rows.append(("sizes inside their 90 % intervals", "", *map(_inside, scores.values())))
     rows.append(("Brier score (base rates)", "", *map(_brier, scores.values())))
-    parts = [_table(heads, rows)]
+    parts = [as_table(heads, rows)]
     for method, found in scores.items():
         counts = {
             hidden: {said: number or 0.0 for said, number in row.items()}
@@ -181,7 +182,7 @@ def markdown(scores: dict[str, Score]) -> str:
             (f"`{hidden}`" if " " not in hidden else hidden, int(sum(row.values())), _counts(row))
             for hidden, row in counts.items()
         ]
-        parts.append(f"### {WORDS[method]}\n\n" + _table(("hidden", "studies", "said"), lines))
+        parts.append(f"### {WORDS[method]}\n\n" + as_table(("hidden", "studies", "said"), lines))
     return "\n\n".join(parts)
 
 
@@ -209,11 +210,6 @@ def _brier(found: Score) -> str:
 
 def _counts(row: dict[str, float]) -> str:
     return ", ".join(f"{name} {n:.0f}" for name, n in sorted(row.items(), key=lambda i: -i[1]))
-
-
-def _table(heads: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
-    lines = [heads, ("---",) * len(heads), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
 
 
 def main() -> None:

@@ -15,7 +15,6 @@ Finished studies are kept in ``.cache/unknown_effects`` and not judged again.
 import argparse
 import json
 import time
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 from hidden_effects import _column, library
 from hidden_studies import OUTSIDE, HiddenStudy, made, outside_effect
+from hidden_summary import share
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
@@ -230,18 +230,18 @@ def summary(found: list[Json]) -> Json:
     described = [one for one in outside if one["wanted"] and one["outcome"] == "unexplained"]
     return {
         "outside_studies": len(outside),
-        "outside_catalogue_named": _share(one["outcome"] == "named" for one in outside),
-        "outside_unexplained": _share(one["outcome"] == "unexplained" for one in outside),
-        "outside_adequate": _share(one["outcome"] == "adequate" for one in outside),
+        "outside_catalogue_named": share(one["outcome"] == "named" for one in outside),
+        "outside_unexplained": share(one["outcome"] == "unexplained" for one in outside),
+        "outside_adequate": share(one["outcome"] == "adequate" for one in outside),
         "described_studies": len(described),
-        "described": _share(one["columns_right"] and one["sign_right"] for one in described),
-        "described_or_as_good": _share(
+        "described": share(one["columns_right"] and one["sign_right"] for one in described),
+        "described_or_as_good": share(
             one["among_alike"] and one["sign_right"] for one in described
         ),
-        "with_a_term": _share(bool(one["terms"]) for one in described),
+        "with_a_term": share(bool(one["terms"]) for one in described),
         "none_studies": len(none),
-        "false_terms": _share(bool(one["terms"]) for one in none),
-        "none_named": _share(one["outcome"] == "named" for one in none),
+        "false_terms": share(bool(one["terms"]) for one in none),
+        "none_named": share(one["outcome"] == "named" for one in none),
         "seconds_per_study": float(np.median([one["seconds"] for one in found])),
         "by_form": {
             name: [_line(one) for one in outside if one["hidden"] == [name]]
@@ -253,11 +253,6 @@ def summary(found: list[Json]) -> Json:
 def _line(one: Json) -> str:
     said = "+".join(one["causes"]) or one["outcome"]
     return f"{said}: {'; '.join(one['terms']) or 'no term'}"
-
-
-def _share(flags: Iterable[bool]) -> float | None:
-    found = list(flags)
-    return float(np.mean(found)) if found else None
 
 
 def _one(number: int, *, seed: int, none: bool) -> Json:

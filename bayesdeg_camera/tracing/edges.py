@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg_camera.tracing.marks import Marks
-from bayesdeg_camera.tracing.outline import Silhouette, arc_of, len_of
+from bayesdeg_camera.tracing.outline import Silhouette, len_of, points_at
 from bayesdeg_camera.tracing.picture import Colours
 
 Floats = NDArray[np.float64]
@@ -154,16 +154,13 @@ def _straight_ends(edge: Edge) -> Floats:
 
 def _at(line: Floats, arc: Floats) -> tuple[Floats, Floats]:
     """Return points at arc lengths along a line, or beyond its ends, and normals off the gel."""
-    known = arc_of(line)
-    points = np.column_stack([np.interp(arc, known, axis) for axis in line.T])
-    window = max(known[-1] / 40.0, 2.0)
-    inside = np.clip(arc, 0.0, known[-1])
-    before, after = np.maximum(inside - window, 0.0), np.minimum(inside + window, known[-1])
-    ahead = np.column_stack(
-        [np.interp(after, known, axis) - np.interp(before, known, axis) for axis in line.T]
-    )
+    length, points = len_of(line), points_at(line, arc)
+    window = max(length / 40.0, 2.0)
+    inside = np.clip(arc, 0.0, length)
+    before, after = np.maximum(inside - window, 0.0), np.minimum(inside + window, length)
+    ahead = points_at(line, after) - points_at(line, before)
     ahead /= np.hypot(*ahead.T)[:, None]
-    points += ahead * (np.minimum(arc, 0.0) + np.maximum(arc - known[-1], 0.0))[:, None]
+    points += ahead * (np.minimum(arc, 0.0) + np.maximum(arc - length, 0.0))[:, None]
     return points, np.column_stack([ahead[:, 1], -ahead[:, 0]])
 
 

@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse.csgraph import minimum_spanning_tree, shortest_path
 from scipy.spatial.distance import cdist
 
-from bayesdeg_camera.tracing.picture import Colours
+from bayesdeg_camera.tracing.picture import Colours, resized
 
 Floats = NDArray[np.float64]
 Values = NDArray[np.float32]
@@ -102,7 +102,7 @@ class Marks:
 def find_marks(image: Colours) -> Marks | None:
     """Find the marks of a photograph; None if there is no row of them."""
     factor = WIDTH / image.shape[1]
-    small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    small = resized(image, factor)
     colours = _lab(small)
     rows = []
     for diameter in DIAMETERS:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
 from bayesdeg_camera.tracing.marks import Marks
-from bayesdeg_camera.tracing.picture import Colours
+from bayesdeg_camera.tracing.picture import Colours, resized
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = 
         If there is none, or more than one.
     """
     factor = WIDTH / image.shape[1]
-    small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    small = resized(image, factor)
     if marks is not None:  # they locate the line like a hint
         small, hint = marks.without(small), marks.centres if hint is None else hint
     outlines = list(_outlines(_clustered(small)))
@@ -105,7 +105,15 @@ def find_body(image: Colours, hint: Floats | None = None, marks: Marks | None = 
         )
     best = _agreed(found)
     enough = SECOND * _votes(best, found)
-    if any(_is_second(other, best) and _votes(other, found) >= enough for other in found):
+    # neither part of the first nor a small object
+    others = [
+        other
+        for other in found
+        if _apart(other, best) > 1.5 * best.thickness
+        and other.thickness > SECOND * best.thickness
+        and len_of(other.line) > SECOND * len_of(best.line)
+    ]
+    if any(_votes(other, found) >= enough for other in others):
         raise BayesdegError(
             "two actuators are found; crop the photograph to one, or show the line with --hint"
         )
@@ -154,15 +162,6 @@ def _votes(one: Silhouette, found: list[Silhouette]) -> int:
     )
 
 
-def _is_second(other: Silhouette, best: Silhouette) -> bool:
-    """Whether a body is a second actuator, neither part of the first nor a small object."""
-    return (
-        _apart(other, best) > 1.5 * best.thickness
-        and other.thickness > SECOND * best.thickness
-        and len_of(other.line) > SECOND * len_of(best.line)
-    )
-
-
 def _follows(body: Silhouette, hint: Floats) -> bool:
     """Whether a body's line follows a hint and is not much longer."""
     reach = HINT_REACH * len_of(hint)
@@ -174,9 +173,7 @@ def _follows(body: Silhouette, hint: Floats) -> bool:
 
 def _dense(hint: Floats) -> Floats:
     """Return 60 points in equal steps along a hint."""
-    arc = arc_of(hint)
-    at = np.linspace(0.0, arc[-1], 60)
-    return np.column_stack([np.interp(at, arc, axis) for axis in hint.T])
+    return points_at(hint, np.linspace(0.0, len_of(hint), 60))
 
 
 def _apart(one: Silhouette, other: Silhouette) -> float:
@@ -205,6 +202,18 @@ def len_of(line: Floats) -> float:
     5.0
     """
     return float(arc_of(line)[-1])
+
+
+def points_at(line: Floats, arc: Floats) -> Floats:
+    """Return points of a line at lengths along it, or its ends beyond them, (n, 2).
+
+    Examples
+    --------
+    >>> points_at(np.array([[0.0, 0.0], [3.0, 4.0]]), np.array([2.5, 9.0])).tolist()
+    [[1.5, 2.0], [3.0, 4.0]]
+    """
+    known = arc_of(line)
+    return np.column_stack([np.interp(arc, known, axis) for axis in line.T])
 
 
 def _clustered(small: Colours) -> NDArray[np.int32]:
@@ -258,9 +267,7 @@ def _outlines(labels: NDArray[np.int32]) -> Iterator[Floats]:
 
 def _evenly(outline: Floats, count: int) -> Floats:
     closed = np.vstack([outline, outline[:1]])
-    arc = arc_of(closed)
-    at = np.linspace(0.0, arc[-1], count, endpoint=False)
-    return np.column_stack([np.interp(at, arc, axis) for axis in closed.T])
+    return points_at(closed, np.linspace(0.0, len_of(closed), count, endpoint=False))
 
 
 def _comb_body(outline: Floats, factor: float) -> Silhouette | None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg_camera.tracing.picture import Colours
+from bayesdeg_camera.tracing.picture import Colours, resized
 
 Floats = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ def _board(grey: NDArray[np.uint8], width: int, flags: int) -> tuple[Floats, Flo
     form a plane lattice.
     """
     factor = min(1.0, width / max(grey.shape))
-    small = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    small = resized(grey, factor)
     found, corners, meta = cv2.findChessboardCornersSBWithMeta(
         small, LEAST_CORNERS, flags | cv2.CALIB_CB_LARGER
     )

@@ -84,12 +84,11 @@ def corrected(photograph: TracedPhotograph, pixels: Floats) -> TracedPhotograph:
     """
     to_mm, before = np.array(photograph.to_mm), np.array(photograph.pixels)
     moved = np.hypot(*(pixels - before).T) > 0.0
-    points = mapped(to_mm, pixels)
-    motion = into_frame(points)
-    points = mapped(motion, points)
+    here = mapped(to_mm, pixels)
+    motion = into_frame(here)
+    points = mapped(motion, here)
     angle, length = angle_and_length(points)
     angle = with_bent_ends(angle, photograph.bent_ends)
-    here = mapped(to_mm, pixels)
     beside, above = (mapped(to_mm, pixels + step) - here for step in ([1.0, 0.0], [0.0, 1.0]))
     per_pixel = np.sqrt(0.5 * (np.sum(beside**2, axis=1) + np.sum(above**2, axis=1)))[:, None]
     errors = np.where(moved[:, None], BY_HAND * per_pixel, np.array(photograph.errors))

@@ -413,20 +413,20 @@ def _reading(
     homography: Floats, edge: Edge, rng: np.random.Generator
 ) -> tuple[float, float, float]:
     """Return angle, length and curvature of the ends for a draw of points and plane."""
-    normals = _normals(edge.points)
+    ahead, normals = _axes_along(edge.points)
     white = rng.normal(size=len(edge.points) + 1)
     noise = CORRELATED * (white[1:] + white[:-1]) / np.sqrt(2.0)
     moved = edge.points + (noise * edge.error)[:, None] * normals
-    ahead = np.column_stack([-normals[:, 1], normals[:, 0]])
     moved[[0, -1]] += END * rng.normal(size=2)[:, None] * ahead[[0, -1]]
     points = mapped(homography, moved)
     return *angle_and_length(points), ends_curvature(points)
 
 
-def _normals(points: Floats) -> Floats:
+def _axes_along(points: Floats) -> tuple[Floats, Floats]:
+    """Return unit vectors along a line and across it, to its right, (n, 2) each."""
     ahead = np.gradient(points, axis=0)
     ahead /= np.hypot(*ahead.T)[:, None]
-    return np.column_stack([ahead[:, 1], -ahead[:, 0]])
+    return ahead, np.column_stack([ahead[:, 1], -ahead[:, 0]])
 
 
 _TOWARDS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
@@ -455,8 +455,7 @@ def _in_frame(plane: Plane, edge: Edge, *, reverse: bool) -> tuple[Floats, Float
 
     The third is the homography from pixels to that frame.
     """
-    normals = _normals(edge.points)
-    ahead = np.column_stack([-normals[:, 1], normals[:, 0]])
+    ahead, normals = _axes_along(edge.points)
     along = np.full(len(edge.points), ALONG)
     along[[0, -1]] = END
     order = slice(None, None, -1 if reverse else 1)
