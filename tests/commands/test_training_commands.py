@@ -21,7 +21,7 @@ from bayesdeg import cli, training
 from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.data.study import read_study
-from bayesdeg.emulator import workers
+from bayesdeg.emulator import campaign, workers
 from bayesdeg.emulator.kept import cached_path, duration, rough_seconds
 from bayesdeg.emulator.local import TARGET_OUTSIDE, LocalDesign
 from bayesdeg.emulator.refinement import TooFewCurvesError
@@ -34,7 +34,7 @@ from bayesdeg.pipeline.refinement import FIRST
 from bayesdeg.pipeline.run_record import emulator_facts
 from bayesdeg.report.record import VerdictRecord
 from tests.pipeline.study_files import SETTINGS, study_in
-from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
+from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator, solve_once
 
 ROOT = Path(__file__).parents[2]
 CACHED = cached_path(GEOMETRY, RECIPE)
@@ -50,6 +50,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "ROUNDS", 0)
     monkeypatch.setattr(training, "LAST_ROUNDS", 0)
     monkeypatch.setattr(emulation, "build", build)
+    monkeypatch.setattr(campaign, "solve", solve_once)
     (tmp_path / "tiny.toml").write_text(TABLE, encoding="utf-8")
     (tmp_path / "study").mkdir()
     study_in(tmp_path / "study", {"study.toml": SETTINGS + TABLE})

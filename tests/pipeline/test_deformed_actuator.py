@@ -14,8 +14,8 @@ from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
 from bayesdeg.report.figures.actuator import deformed_figure
 from bayesdeg.report.folder import RunFolder
 from bayesdeg.report.surface import SURFACE, read_surface
-from tests.actuator.parts import half, tetrahedral, whole, write
 from tests.actuator.geometries import geometry_of_file
+from tests.actuator.parts import half, tetrahedral, whole, write
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model
 
 pytestmark = pytest.mark.fem

@@ -16,6 +16,8 @@ from bayesdeg.report.page import build_page
 from bayesdeg.report.tables import TABLES, CellKind
 from tests.report.synthetic_run import write_full
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):

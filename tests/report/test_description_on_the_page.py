@@ -9,6 +9,8 @@ from bayesdeg.report.record import DescriptionEntry, VerdictRecord
 from tests.report.html_reading import numbers_in, read_html, table_cells
 from tests.report.synthetic_run import write_full
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 SENTENCE = "The smallest term that would remove it is κ(p + b)."
 DESCRIPTION = {
     "sentence": SENTENCE,

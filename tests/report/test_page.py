@@ -17,6 +17,8 @@ from bayesdeg.report.tables import TABLES, Tables
 from tests.report.html_reading import numbers_in, read_html, table_cells
 from tests.report.synthetic_run import write_bare, write_full
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 MARK = "Before the update."
 OUTCOMES = {
     "adequate": ("Adequate", "No misfit beyond the noise"),
