@@ -7,7 +7,6 @@ import pickle
 import re
 import subprocess
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -460,35 +459,3 @@ def test_a_script_without_a_guard_is_not_started_again_by_its_workers(planted, t
     )
     subprocess.run([sys.executable, str(script)], check=True, timeout=120)
     assert (tmp_path / "count").read_text() == "x"
-
-
-# ---- the first page
-
-
-def quick_start():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    section = text.split("## Quick start from Python")[1]
-    return re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
-
-
-def test_the_quick_start_is_short():
-    assert len(quick_start().strip().splitlines()) <= 20
-
-
-@pytest.mark.slow
-def test_the_quick_start_of_the_first_page_runs(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "studies").symlink_to(ROOT / "studies")
-    names: dict[str, object] = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        # two causes explain the bursts about equally well
-        warnings.filterwarnings("ignore", "the run could not tell causes apart", UserWarning)
-        exec(compile(quick_start(), "README.md", "exec"), names)
-    found = names["verdict"]
-    assert (found.outcome, found.causes) == ("named", ("pressure_offset",))
-    assert found.candidates["mean"][0] == pytest.approx(14.2, abs=0.6)
-    printed = capsys.readouterr()
-    assert "named: pressure_offset 14." in printed.out
-    assert printed.err == ""
-    assert (tmp_path / "reports/gelatin/index.html").exists()

@@ -177,3 +177,9 @@ def with_law(cause, law):
     """The same cause with another prior of its first parameter."""
     first, *rest = cause.parameters
     return replace(cause, parameters=(replace(first, law=law), *rest))
+
+
+def unit(shape):
+    """A shape as large as one standard deviation of the readings after a refit."""
+    linear = exact_linear(readings(0))
+    return shape / np.linalg.norm(linear.whiten_columns(shape))
