@@ -189,12 +189,12 @@ def test_report(run, fits, place, study):
     assert len(ours) == 2
     assert ours == theirs
     for name in ("posterior", "posterior_base", POSTERIOR_AVERAGED):
-        one, other = (where.read_posterior(name) for where in (folder, run))
-        assert set(one.children) == set(other.children)
-        one, other = one["posterior"], other["posterior"]
+        trees = [where.read_posterior(name) for where in (folder, run)]
+        assert set(trees[0].children) == set(trees[1].children)
+        one, other = (tree["posterior"] for tree in trees)
         for parameter, draws in one.to_dataset().items():
             np.testing.assert_allclose(draws, other[parameter], rtol=1e-6, err_msg=str(parameter))
-    pd.testing.assert_frame_equal(folder.read_table("gain"), run.read_table("gain"))
+    assert_same(folder.read_table("gain"), run.read_table("gain"))
     # draws of their own: curves of a rate may end a step of pressure apart
     for name in ("bands", "rupture"):
         one, other = (places_of(where.read_table(name)) for where in (folder, run))

@@ -215,12 +215,19 @@ def raising(fault):
     return broken
 
 
+# begun together with the rest of what films say, which would go with it
+BEGUN = {OptionalStage.ORDERS}
+
+
 def broken_at(stage, fault, patch):
-    """Let whatever is attempted as a stage raise."""
-    attempt = Guard.attempt
+    """Let whatever is attempted as a stage raise, but for its beginning."""
+    attempt, spared = Guard.attempt, [stage] if stage in BEGUN else []
 
     def broken(guard, of, compute, *args, **options):
-        compute = raising(fault) if of == stage else compute
+        if of == stage and not spared:
+            compute = raising(fault)
+        elif of == stage:
+            spared.pop()
         return attempt(guard, of, compute, *args, **options)
 
     patch.setattr(Guard, "attempt", broken)
