@@ -95,7 +95,10 @@ def write(folder: Path, work: Path) -> None:
     runs = work / "runs"
     codes: dict[str, int] = {}
     for name, study in STUDIES.items():
-        done = call(["run", str(study), "--effort", "quick", "--out", str(runs / name), "--quiet"])
+        arguments = ["run", str(study), "--effort", "quick", "--out", str(runs / name), "--quiet"]
+        if (study / "emulator.npz").is_file():
+            arguments += ["--emulator", str(study / "emulator.npz")]
+        done = call(arguments)
         codes[f"run {name}"] = done.returncode
         kept(runs / name, folder / name)
         print(f"run {name}: exit code {done.returncode}", done.stderr[-500:], sep="\n")

@@ -109,7 +109,7 @@ def test_shares_grow_with_degradation_up_to_all():
 
 
 def test_what_cannot_be_is_refused():
-    with pytest.raises(ValueError, match=r"off_end of 1\.2"):
+    with pytest.raises(ValueError, match=r"off_end .* not 1\.2"):
         Bond(off_end=1.2)
     bare = replace(TWO, constraint=Constraint("none"))
     with pytest.raises(ValueError, match="membrane"):
@@ -120,7 +120,7 @@ def test_what_cannot_be_is_refused():
 def test_paper_comes_off_no_meshed_part(tmp_path, cut):
     part = geometry_of_file(write(tmp_path / "part.msh", cut()))
     assert len(bonded_mesh(part, COARSE, Bond()).body.paper) > 0
-    with pytest.raises(ValueError, match="part"):
+    with pytest.raises(ValueError, match="no plane"):
         bonded_mesh(part, COARSE, Bond(off_end=0.2))
 
 
