@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.actuator.curve import ExactMap
+from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.families import geometry_of
-from bayesdeg.actuator.inputs import Inputs
-from bayesdeg.actuator.mesh import Resolution
+from bayesdeg.actuator.inputs import Inputs, material_groups
+from bayesdeg.actuator.material import MaterialGroups
+from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.data.families import Constraint, CylindricalDimensions
-from tests.actuator.geometries import ONE_ELEMENT_A_WALL, RIBBED
+from tests.actuator.geometries import EXACT, GEOMETRIES, ONE_ELEMENT_A_WALL, RIBBED
 
 ONE = np.ones((1, 1))
 C1 = 0.01  # MPa
@@ -21,6 +22,21 @@ def inputs(pressure, scale=1.0):
     return Inputs(
         np.array([pressure]), C1 * ONE, 0 * ONE, 0 * ONE, scale * ONE, stiffness, None, None
     )
+
+
+@pytest.mark.fem
+@pytest.mark.parametrize("name", ["pneunet", "ribbed", "channels"])
+def test_the_map_interpolates_volumes_of_equilibria(name):
+    """Between the ends of steps, to 1e-3 here."""
+    geometry, pressure = GEOMETRIES[name], np.linspace(0.0, 4.0, 17)
+    one = inputs(pressure)
+    mapped = ExactMap(geometry, ONE_ELEMENT_A_WALL).cavity_volume(one)[0]
+    groups = {key: float(np.ravel(value)[0]) for key, value in material_groups(one).items()}
+    curve = Curve(tuple(1e-3 * pressure[1:] / C1), MaterialGroups(**groups))
+    of = Actuator(build_mesh(geometry, ONE_ELEMENT_A_WALL))
+    solved = of.solve(curve, effort=EXACT)
+    volume = 2e-3 * np.array([0.0, *(solved.readings[:, 2] - solved.rest[2])])
+    np.testing.assert_allclose(mapped, volume, rtol=1e-3)
 
 
 @pytest.mark.fem

@@ -171,8 +171,7 @@ def test_moved_walls_hold_what_a_new_mesh_holds(actuator, wall_factor):
     np.testing.assert_array_equal(moved.body.layer, anew.body.layer)
     again = reshaped(moved, wall_factor=1.0, erosion=0.0)
     np.testing.assert_allclose(again.body.nodes, actuator.mesh.body.nodes, atol=1e-12)
-    if geometry.rounded:  # whose bricks share the room in another way
-        assert moved.body.volume == pytest.approx(anew.body.volume, rel=2e-5)
+    if geometry.rounded:  # whose bricks share the room in another way, see test_round.py
         return
     np.testing.assert_allclose(moved.body.nodes, anew.body.nodes, atol=1e-12)
     np.testing.assert_allclose(moved.body.depth, anew.body.depth, atol=1e-12)
@@ -245,22 +244,16 @@ def inputs(pressure, scale=1.0):
 
 @pytest.mark.fem
 def test_the_pressure_does_the_work_that_is_stored(actuator, path_of, stored_energy):
-    """∫ p dV = p V − ∫ V dp [kPa ml = mJ] against the energy, which is in units of C1 mm³.
-
-    The map interpolates its equilibria between the ends of steps, to 1e-3 here; solved at each
-    pressure the work is exact up to Simpson's rule.
-    """
+    """∫ p dV = p V − ∫ V dp by Simpson's rule [kPa ml = mJ] against the energy, in C1 mm³."""
     geometry = actuator.mesh.geometry
     if geometry.constraint.is_slab or actuator.mesh.body.element.triangular:
         pytest.skip("the energy is that of bricks of one elastomer")
     pressure = np.linspace(0.0, 4.0, 17)
     asked = inputs(pressure)
-    mapped = ExactMap(geometry, ONE_ELEMENT_A_WALL).cavity_volume(asked)[0]
     groups = {name: float(np.ravel(value)[0]) for name, value in material_groups(asked).items()}
     curve = Curve(tuple(1e-3 * pressure[1:] / 0.01), MaterialGroups(**groups))
     solved = actuator.solve(curve, effort=EXACT)
     volume = 2e-3 * np.array([0.0, *(solved.readings[:, 2] - solved.rest[2])])
-    np.testing.assert_allclose(mapped, volume, rtol=1e-3)
     work = pressure[-1] * volume[-1] - simpson(volume, x=pressure)
     _, problem = actuator.problem(curve)
     path = path_of(problem, curve.loads[-1:], EXACT)
