@@ -10,14 +10,14 @@ from bayesdeg.pages.tables import TABLES
 from tests.commands.test_predict_and_control import (
     LIMIT,
     TIME_CONSTANT,
-    bayesdeg,
     buried,
+    empty_folder,
     models,
     report,
     rows_of,
 )
 
-__all__ = ["bayesdeg", "buried", "models", "report"]
+__all__ = ["buried", "empty_folder", "models", "report"]
 DUTY = ("--pressure", "80", "--curvature", "4")
 FEW = ("--hours", "0:20:5")
 

@@ -10,7 +10,6 @@ import pytest
 import xarray as xr
 
 from bayesdeg.causes.catalogue import find
-from bayesdeg.cli import exit_code
 from bayesdeg.inference.course import CourseModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.inference.tree import to_datatree
@@ -72,18 +71,9 @@ def report(tmp_path_factory, models):
     return write_run(tmp_path_factory.mktemp("runs") / "run", *models)
 
 
-@pytest.fixture
-def bayesdeg(monkeypatch, capsys, tmp_path):
-    """Run a command as the command line does, in an empty folder."""
+@pytest.fixture(autouse=True)
+def empty_folder(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["bayesdeg", *map(str, arguments)])
-        code = exit_code()
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return run
 
 
 def rows_of(printed):

@@ -2,13 +2,12 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bayesdeg import cli, training
+from bayesdeg import training
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study, with_dimensions
 from bayesdeg.actuator.inputs import Inputs
@@ -35,15 +34,15 @@ ROOF = '[actuator]\nroof = { law = "normal", mean = 2.0, sd = 0.1 }\n'
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, capsys):
+def command(monkeypatch, tmp_path, bayesdeg):
     """Run a command on a study; gives exit code and what it printed to standard error."""
     study = tmp_path / "study"
     study.mkdir()
     monkeypatch.chdir(tmp_path)
 
     def call(name, *options):
-        monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "study", *options])
-        return cli.exit_code(), "".join(capsys.readouterr())
+        code, *said = bayesdeg(name, "study", *options)
+        return code, "".join(said)
 
     def write(text):
         study_in(study, {"study.toml": SETTINGS + text, "actuator.csv": ACTUATOR})

@@ -190,3 +190,9 @@ def predict_folds(trial, fold, *, seed, executor=None):
     """Each fold of groups predicted from all others."""
     [found] = run_folds([in_folds(trial, fold, seed)], executor)
     return found
+
+
+def unit(shape):
+    """A shape as large as one standard deviation of the readings after a refit."""
+    linear = exact_linear(readings(0))
+    return shape / np.linalg.norm(linear.whiten_columns(shape))
