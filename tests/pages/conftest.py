@@ -31,7 +31,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Built]:
     return build
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def drawn_once():
     """Figures of pages are drawn once where they show the same."""
     with pytest.MonkeyPatch.context() as patch:

@@ -15,8 +15,6 @@ from bayesdeg.pages.tables import ABSORPTION, TABLES
 from tests.pages.html_reading import read_html, table_cells
 from tests.pages.synthetic_run import write_full
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
-
 WIDTH = 0.05  # sd of all else, of the logarithm of positive parameters
 
 

@@ -12,8 +12,6 @@ from bayesdeg.pages.summaries import extended_model
 from tests.pages.html_reading import read_html
 from tests.pages.synthetic_run import write_full
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
-
 SAID = "Counts of ruptures contradict the model: 2 of 18 actuators burst."
 LEVEL = {
     "degradation_pct": 25.0,

@@ -16,8 +16,6 @@ from bayesdeg.pages.tables import TABLES, CellKind
 from bayesdeg.records import LARGEST
 from tests.pages.synthetic_run import write_full
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
-
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):

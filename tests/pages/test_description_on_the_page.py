@@ -10,8 +10,6 @@ from bayesdeg.pages.record import VerdictRecord
 from tests.pages.html_reading import numbers_in, read_html, table_cells
 from tests.pages.synthetic_run import write_full
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
-
 SENTENCE = "The smallest term that would remove it is κ(p + b)."
 DESCRIPTION = {
     "sentence": SENTENCE,

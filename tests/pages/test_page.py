@@ -17,8 +17,6 @@ from bayesdeg.pages.tables import TABLES, Tables
 from tests.pages.html_reading import numbers_in, read_html, table_cells
 from tests.pages.synthetic_run import write_bare, write_full
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
-
 MARK = "Before the update."
 OUTCOMES = {
     "adequate": ("Adequate", "No misfit beyond the noise"),

@@ -11,8 +11,6 @@ from bayesdeg.pages.wording import listed
 from tests.pages import synthetic_run
 from tests.pages.html_reading import read_html, table_cells
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
-
 ROWS = [
     ("creep+pressure_loss", "may be right", 41.2, 0.0, 1.0, "full fit"),
     ("creep+film_mismatch", "may be right", 40.1, 1.1, 3.0, "full fit"),

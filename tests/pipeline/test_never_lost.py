@@ -63,22 +63,14 @@ ELSEWHERE = {
 STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 # all tables share one mechanism, and all figures another: two of each will do in a plain run
 PLAIN_ONES = {"bands.csv", "gain.csv", "figure bands", "figure rupture"}
-# a stage of each module that attempts any: a plain run is stopped in these
-STOPPED_IN = {
-    *PLAIN_ONES,
-    *(OptionalStage.VERDICT, OptionalStage.EXTENDED, OptionalStage.PAGE),
-    *(OptionalStage.CONFLICT, OptionalStage.HELD_OUT, OptionalStage.EXPERIMENTS),
-    *(OptionalStage.LEAVE_ONE_OUT, OptionalStage.COURSE, OptionalStage.READINGS),
-    *(OptionalStage.DEFORMED, OptionalStage.EXPLANATION, OptionalStage.COMPARISONS),
-}
-
-
-def long_unless(plain):
-    return [
-        pytest.param(stage, id=str(stage), marks=() if stage in plain else pytest.mark.long)
-        for stage in STAGES
-    ]
-
+TRIED = [
+    pytest.param(
+        stage,
+        id=str(stage),
+        marks=() if stage in {*OptionalStage, *PLAIN_ONES} else pytest.mark.long,
+    )
+    for stage in STAGES
+]
 
 # what goes with a stage
 WITHOUT = {
@@ -256,7 +248,7 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", long_unless({*OptionalStage, *PLAIN_ONES}))
+@pytest.mark.parametrize("stage", TRIED)
 def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
     cheap, whole, stage, tmp_path, monkeypatch, capsys
 ):
@@ -294,7 +286,7 @@ def assert_judged_as_far_as_known(stage, verdict):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", long_unless(STOPPED_IN))
+@pytest.mark.parametrize("stage", TRIED)
 def test_ctrl_c_stops_a_run_in_any_stage(cheap, whole, stage, tmp_path, monkeypatch):
     broken_at(stage, KeyboardInterrupt(), monkeypatch)
     code, found = command_of(cheap, tmp_path / "run", monkeypatch)
