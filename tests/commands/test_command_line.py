@@ -61,22 +61,6 @@ def test_a_sound_study_passes_the_check(rubber):
     assert "no faults" not in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("run", "nowhere"), "nowhere"),
-        (("run", "--effort", "enormous", "nowhere"), "enormous"),
-        (("report", "nowhere"), "--fresh"),
-        (("frobnicate",), "frobnicate"),
-    ],
-)
-def test_wrong_input_ends_with_2_and_no_traceback(bayesdeg, arguments, words):
-    code, _, said = bayesdeg(*arguments)
-    assert code == 2
-    assert words in said
-    assert "Traceback" not in said
-
-
 def test_simulate_suggests_the_nearest_cause(rubber, bayesdeg):
     asked = ("simulate", rubber, "--cause", "presure_offset=3", "--out", rubber.parent / "out")
     code, _, said = bayesdeg(*asked)

@@ -21,20 +21,11 @@ ACTUATOR = (
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, bayesdeg):
-    """Run a command on a study; gives exit code and what it printed to standard error."""
-    study = tmp_path / "study"
-    study.mkdir()
-    write(study / "part.msh", half())
-    study_in(study, {"study.toml": SETTINGS + MESH, "actuator.csv": ACTUATOR})
-    monkeypatch.chdir(tmp_path)
-
-    def call(name, *options):
-        code, *said = bayesdeg(name, "study", *options)
-        return code, "".join(said)
-
-    call.study = study
-    return call
+def command(command):
+    """Run a command on a study of a part."""
+    write(command.study / "part.msh", half())
+    study_in(command.study, {"study.toml": SETTINGS + MESH, "actuator.csv": ACTUATOR})
+    return command
 
 
 def test_check_draws_the_part_and_says_what_it_is(command):

@@ -58,19 +58,10 @@ FORCE = "specimen_id,degradation_pct,pressure_kPa,tip_force_N\na0,0,40,0.1\na0,0
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, bayesdeg):
-    """Run a command on a study; gives exit code and what it printed to standard error."""
-    study = tmp_path / "study"
-    study.mkdir()
-    study_in(study, {"study.toml": SETTINGS + SEGMENT, "actuator.csv": ACTUATOR})
-    monkeypatch.chdir(tmp_path)
-
-    def call(name, *options):
-        code, *said = bayesdeg(name, "study", *options)
-        return code, "".join(said)
-
-    call.study = study
-    return call
+def command(command):
+    """Run a command on a study of a ribbed segment."""
+    study_in(command.study, {"study.toml": SETTINGS + SEGMENT, "actuator.csv": ACTUATOR})
+    return command
 
 
 def test_check_says_what_it_is_and_draws_it(command):

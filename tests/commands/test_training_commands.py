@@ -197,23 +197,6 @@ def test_a_geometry_that_is_none_is_refused(here, bayesdeg, text, said):
     assert not Path(".cache").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("emulate", "nowhere"), "nowhere: cannot"),
-        (("emulate", "."), "study.toml: cannot"),
-        (("emulate", "--timeout", "0"), "0 s is"),
-        (("emulate", "--timeout", "soon"), "--timeout"),
-        (("emulate", "--workers", "0"), "--workers"),
-    ],
-)
-def test_wrong_arguments_end_with_2(here, bayesdeg, arguments, said):
-    code, _, err = bayesdeg(*arguments)
-    assert code == 2
-    assert said in err
-    assert "Traceback" not in err
-
-
 @pytest.mark.parametrize("name", ["emulate", "run"])
 def test_the_cluster_is_asked_for_by_its_address(here, bayesdeg, pipeline, monkeypatch, name):
     asked = []

@@ -34,21 +34,14 @@ ROOF = '[actuator]\nroof = { law = "normal", mean = 2.0, sd = 0.1 }\n'
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, bayesdeg):
-    """Run a command on a study; gives exit code and what it printed to standard error."""
-    study = tmp_path / "study"
-    study.mkdir()
-    monkeypatch.chdir(tmp_path)
-
-    def call(name, *options):
-        code, *said = bayesdeg(name, "study", *options)
-        return code, "".join(said)
+def command(command):
+    """Run a command on a study of stated settings."""
 
     def write(text):
-        study_in(study, {"study.toml": SETTINGS + text, "actuator.csv": ACTUATOR})
+        study_in(command.study, {"study.toml": SETTINGS + text, "actuator.csv": ACTUATOR})
 
-    call.study, call.write = study, write
-    return call
+    command.write = write
+    return command
 
 
 # ---- check
