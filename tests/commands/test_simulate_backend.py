@@ -44,10 +44,3 @@ def test_readings_are_the_same_with_either_backend(command):
     assert "--backend" not in lines[0][0]
     truths = [json.loads(files["truth.json"]) for files in (ours, theirs)]
     assert truths[0]["actuators"] == truths[1]["actuators"]
-
-
-def test_an_unknown_backend_is_refused(command, capsys):
-    code, files = command("c", "--backend", "fenics")
-    assert code == 2
-    assert not files
-    assert "scikit-fem" in capsys.readouterr().err
