@@ -7,7 +7,6 @@ import pickle
 import re
 import subprocess
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,13 +16,10 @@ import pytest
 import xarray as xr
 
 import bayesdeg as bd
-from bayesdeg.pages.checkpoints import NoCheckpoints
 from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.tables import TABLES
 from bayesdeg.pipeline.judge import judge_model
-from bayesdeg.pipeline.run import run_study
 from bayesdeg.pipeline.summary import summary
-from bayesdeg.progress import Silent
 from bayesdeg.surrogate.surrogate import Surrogate
 from tests.pipeline.planted_offset import emulator, planted_study
 
@@ -399,132 +395,12 @@ def test_the_falling_ball_comes_to_the_same_figures(ball, gravity_known):
             assert value == pytest.approx(other["posterior"][name], rel=1e-9)
 
 
-# ---- a study by the verbs and by the command
+# ---- a study; its verbs are held against commands in test_verbs_and_commands.py
 
 
 @pytest.fixture(scope="module")
 def planted(tmp_path_factory):
     return planted_study(tmp_path_factory.mktemp("planted"))
-
-
-@pytest.fixture(scope="module")
-def asked(planted):
-    """The study by the verbs, with its own seed."""
-    model = bd.Model(planted, emulator())
-    first = bd.calibrate(model, workers=1)
-    found = bd.criticise(first, workers=1)
-    last = bd.calibrate(model.with_causes(*found.predicted_with), workers=1)
-    return first, found, last
-
-
-def places_of(table):
-    """Degradation rates and pressures that a table has rows for."""
-    return set(zip(table["degradation_pct"], table["pressure_kPa"], strict=True))
-
-
-@pytest.mark.slow
-def test_a_study_comes_to_what_its_run_comes_to(planted, asked, tmp_path):
-    first, found, last = asked
-    run = RunFolder(tmp_path / "run")
-    run_study(planted, run, NoCheckpoints(), progress=Silent(), forward=emulator())
-    told, said = run.read_json("verdict"), found.to_dict()
-    for key in ("outcome", "causes", "misfit", "confusable", "next_experiments", "naming"):
-        assert said[key] == told[key], key
-    assert said["explanation"].split(" (")[0] == told["explanation"].split(" (")[0]
-    for one, other in zip(said["candidates"], told["candidates"], strict=True):
-        assert one["cause"] == other["cause"]
-        assert one["log_bayes_factor"] == other["log_bayes_factor"]
-    parameters = run.read_table("parameters").query("model == 'base'").set_index("parameter")
-    summary_of = first.summary()
-    assert parameters["mean"].to_numpy() == pytest.approx(summary_of["mean"].to_numpy(), rel=1e-12)
-
-    place = bd.report(tmp_path / "report", first, last, found, full=False, workers=1)
-    assert place.page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    written = RunFolder(Path(place))
-    assert written.read_json("run")["seed"] == planted.settings.seed
-    pd.testing.assert_frame_equal(written.read_table("gain"), run.read_table("gain"))
-    for name in ("posterior", "posterior_base"):
-        ours, theirs = written.read_posterior(name), run.read_posterior(name)
-        assert set(ours.children) == set(theirs.children)
-    # draws of their own: curves of a rate may end a step of pressure apart
-    for name in ("bands", "rupture"):
-        ours, theirs = (places_of(folder.read_table(name)) for folder in (written, run))
-        apart = pd.Series([rate for rate, _ in ours ^ theirs]).value_counts()
-        assert all(apart <= 1)
-
-
-@pytest.mark.slow
-def test_comparison_of_a_study_has_the_columns_of_its_table(asked):
-    first, _, last = asked
-    table = bd.compare(first, last, workers=1)
-    assert table.columns.tolist() == GAIN
-    assert table["model"].unique().tolist() == ["base", last.model.name]
-    assert table[table["degradation_pct"] == "all"]["elpd_diff"].iloc[-1] > 0.0
-
-
-@pytest.mark.slow
-def test_a_study_predicts_and_finds_pressures(asked):
-    last = asked[2]
-    table = bd.predict(last, pressure=range(0, 121, 60), degradation=[0, 10])
-    quantiles = [f"q{q:02d}" for q in (5, 25, 50, 75, 95)]
-    columns = ["degradation_pct", "pressure_kPa", *quantiles, "probability"]
-    assert table.columns.tolist()[:8] == columns
-    assert len(table) == 6
-    wanted = float(table.query("degradation_pct == 0 and pressure_kPa == 60")["q50"].iloc[0])
-    with pytest.warns(UserWarning, match="a risk of"):
-        [pressure] = bd.control(last, curvature=wanted, degradation=0)["pressure_kPa"]
-    assert pressure == pytest.approx(60.0, abs=2.0)
-    with pytest.warns(UserWarning, match="extrapolation"):
-        bd.predict(last, pressure=[500.0], degradation=0)
-    unsure = bd.ServiceConditions(degradation_sd=2.0)
-    wide = bd.predict(last, pressure=60, degradation=10, conditions=unsure)
-    row = table.query("degradation_pct == 10 and pressure_kPa == 60")
-    assert (wide["q95"] - wide["q05"])[0] > 1.5 * (row["q95"] - row["q05"]).iloc[0]
-    with pytest.warns(UserWarning, match="mount hanging"):
-        bd.predict(
-            last, pressure=60, degradation=10, conditions=bd.ServiceConditions(mount="hanging")
-        )
-    asked = {"curvature": 200.0, "degradation": 0}
-    with pytest.warns(UserWarning, match="a risk of"):
-        allowed = bd.control(last, **asked)["allowed_kPa"][0]
-    assert allowed == 160.0  # the largest that was tested
-    with pytest.warns(UserWarning, match="extrapolation|rests|risk") as said:
-        assert bd.control(last, **asked, beyond=True)["allowed_kPa"][0] > 160.0
-    assert any("rests on" in str(one.message) for one in said)
-    buried = bd.predict(last, pressure=60, hours=[0, 8])
-    assert buried["degradation_q05"][1] < buried["degradation_pct"][1]
-    assert buried["q50"][1] < buried["q50"][0]
-    wanted = float(buried["q50"].mean())
-    with pytest.warns(UserWarning, match="a risk of"):
-        life = bd.lifetime(last, pressure=60, curvature=wanted, hours=np.linspace(0.0, 8.0, 5))
-    assert life.columns.tolist() == TABLES["lifetime"].headings
-    assert life["failed_probability"].is_monotonic_increasing
-    assert 0.0 < life.attrs["time_to_failure_q50_h"] < 8.0
-    assert "h" in life.attrs["summary"]
-
-
-@pytest.mark.slow
-def test_mistakes_with_a_study_are_told(asked, tmp_path):
-    first, found, last = asked
-    for call, words in (
-        (lambda: first.model.with_causes("presure_offset"), "'pressure_offset'"),
-        (lambda: bd.criticise(first, causes=["presure_offset"]), "'pressure_offset'"),
-        (lambda: bd.criticise(last), "without causes"),
-        (lambda: bd.predict(last, pressure=10.0), "degradation"),
-        (lambda: bd.predict(last, pressure=-1.0, degradation=0.0), "at least 0"),
-        (lambda: bd.predict(last, pressure=1.0, degradation=0.0, hours=1.0), "not both"),
-        (lambda: bd.predict(last, pressure=1.0, hours=-1.0), "at least 0"),
-        (lambda: bd.lifetime(last, pressure=0.0, curvature=1.0), "pressure"),
-        (lambda: bd.lifetime(last, pressure=9.0, curvature=1.0, hours=3.0), "at least two"),
-        (lambda: bd.lifetime(last, pressure=9.0, curvature=1.0, max_risk=0.0), "max_risk"),
-        (lambda: bd.predict(last, x=[1.0]), "pressure"),
-        (lambda: bd.control(last, curvature=0.0, degradation=0.0), "above 0"),
-        (lambda: bd.control(last, curvature=1.0, degradation=0.0, max_risk=1.0), "max_risk"),
-        (lambda: bd.report(tmp_path / "r", last, first, found), "different model"),
-        (lambda: bd.compare(first, first), "differ"),
-    ):
-        with pytest.raises(bd.BayesdegError, match=re.escape(words)):
-            call()
 
 
 def test_faults_of_a_study_are_told_all_at_once(tmp_path):
@@ -565,35 +441,3 @@ def test_a_script_without_a_guard_is_not_started_again_by_its_workers(planted, t
     )
     subprocess.run([sys.executable, str(script)], check=True, timeout=120)
     assert (tmp_path / "count").read_text() == "x"
-
-
-# ---- the first page
-
-
-def quick_start():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    section = text.split("## Quick start from Python")[1]
-    return re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
-
-
-def test_the_quick_start_is_short():
-    assert len(quick_start().strip().splitlines()) <= 20
-
-
-@pytest.mark.slow
-def test_the_quick_start_of_the_first_page_runs(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "studies").symlink_to(ROOT / "studies")
-    names: dict[str, object] = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        # two causes explain the bursts about equally well
-        warnings.filterwarnings("ignore", "the run could not tell causes apart", UserWarning)
-        exec(compile(quick_start(), "README.md", "exec"), names)
-    found = names["verdict"]
-    assert (found.outcome, found.causes) == ("named", ("pressure_offset",))
-    assert found.candidates["mean"][0] == pytest.approx(14.2, abs=0.6)
-    printed = capsys.readouterr()
-    assert "named: pressure_offset 14." in printed.out
-    assert printed.err == ""
-    assert (tmp_path / "reports/gelatin/index.html").exists()

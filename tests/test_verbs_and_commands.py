@@ -5,6 +5,7 @@ explain that as well, so what is predicted is averaged over both.
 """
 
 import json
+import re
 import warnings
 
 import numpy as np
@@ -16,6 +17,7 @@ import bayesdeg as bd
 from bayesdeg.cli import app
 from bayesdeg.pages.checkpoints import NoCheckpoints
 from bayesdeg.pages.folder import POSTERIOR_AVERAGED, RunFolder
+from bayesdeg.pages.tables import TABLES
 from bayesdeg.pipeline.output import run_folder
 from bayesdeg.pipeline.run import run_study
 from bayesdeg.progress import Silent
@@ -56,6 +58,12 @@ def fits(study):
     base = bd.calibrate(bd.Model(study, emulator()), workers=1)
     verdict = bd.criticise(base, workers=1)
     return base, verdict, bd.calibrate(base.model.with_verdict(verdict), workers=1)
+
+
+@pytest.fixture(scope="session")
+def plain(fits):
+    """The final calibration without what the verdict says of ruptures."""
+    return bd.calibrate(fits[0].model.with_causes(*fits[1].causes), workers=1)
 
 
 def said_by(verb, *arguments, **options):
@@ -104,6 +112,19 @@ def test_criticise_and_run_come_to_the_same_verdict(run, fits):
     assert theirs.predicted_with == ("dry_embrittlement", "pressure_offset")
     for name in ("outcome", "causes", "predicted_with", "sets", "rupture_counts", "misfit"):
         assert getattr(ours, name) == getattr(theirs, name), name
+    told, said = run.read_json("verdict"), fits[1].to_dict()
+    for key in ("confusable", "next_experiments", "naming"):
+        assert said[key] == told[key], key
+    assert said["explanation"].split(" (")[0] == told["explanation"].split(" (")[0]
+    for one, other in zip(said["candidates"], told["candidates"], strict=True):
+        assert one["cause"] == other["cause"]
+        assert one["log_bayes_factor"] == other["log_bayes_factor"]
+
+
+def test_the_base_model_has_the_same_parameters(run, fits):
+    table = run.read_table("parameters").query("model == 'base'")
+    ours = fits[0].summary()["mean"].to_numpy()
+    assert table["mean"].to_numpy() == pytest.approx(ours, rel=1e-12)
 
 
 def test_the_final_model_has_the_cause_of_rupture_and_the_same_draws(run, fits):
@@ -116,12 +137,11 @@ def test_the_final_model_has_the_cause_of_rupture_and_the_same_draws(run, fits):
         np.testing.assert_allclose(ours[name], theirs[name], rtol=1e-6, err_msg=name)
 
 
-def test_predict(run, fits):
+def test_predict(run, fits, plain):
     table, said = said_by(bd.predict, fits[2], **PREDICTED)
     options = ["--pressure", "60,160", "--degradation", "0,25"]
     assert_same_answer((table, said), answer("predict", run, *options))
     # without what the verdict says of ruptures they look rarer
-    plain = bd.calibrate(fits[0].model.with_causes(*fits[1].causes), workers=1)
     fewer, _ = said_by(bd.predict, plain, **PREDICTED)
     assert table["probability"].iloc[-1] > 1.5 * fewer["probability"].iloc[-1]
 
@@ -150,20 +170,36 @@ def test_compare(run, fits):
     # those of the command are of the causes that readings show
     base, gain = table[table["model"] == "base"], run.read_table("gain")
     assert_same(base, gain[gain["model"] == "base"])
+    assert table.columns.tolist() == [column.name for column in TABLES["gain"].columns]
+    assert table["model"].unique().tolist() == ["base", fits[2].model.name]
+    assert table[table["degradation_pct"] == "all"]["elpd_diff"].iloc[-1] > 0.0
 
 
-def test_report(run, fits, place):
-    folder = RunFolder(
-        bd.report(place / "report", *fits[::2], fits[1], full=False, workers=1).folder
-    )
+def places_of(table):
+    """Degradation rates and pressures that a table has rows for."""
+    return set(zip(table["degradation_pct"], table["pressure_kPa"], strict=True))
+
+
+def test_report(run, fits, place, study):
+    written = bd.report(place / "report", *fits[::2], fits[1], full=False, workers=1)
+    assert written.page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    folder = RunFolder(written.folder)
+    assert folder.read_json("run")["seed"] == study.settings.seed
     ours, theirs = folder.read_run().model.averaged, run.read_run().model.averaged
     assert len(ours) == 2
     assert ours == theirs
     for name in ("posterior", "posterior_base", POSTERIOR_AVERAGED):
-        one, other = (where.read_posterior(name)["posterior"] for where in (folder, run))
+        trees = [where.read_posterior(name) for where in (folder, run)]
+        assert set(trees[0].children) == set(trees[1].children)
+        one, other = (tree["posterior"] for tree in trees)
         for parameter, draws in one.to_dataset().items():
             np.testing.assert_allclose(draws, other[parameter], rtol=1e-6, err_msg=str(parameter))
     assert_same(folder.read_table("gain"), run.read_table("gain"))
+    # draws of their own: curves of a rate may end a step of pressure apart
+    for name in ("bands", "rupture"):
+        one, other = (places_of(where.read_table(name)) for where in (folder, run))
+        apart = pd.Series([rate for rate, _ in one ^ other]).value_counts()
+        assert all(apart <= 1)
 
 
 def test_next(run, fits):
@@ -178,3 +214,65 @@ def test_a_verdict_is_of_its_own_model_alone(fits):
     for other in (final.model, bd.Model(base.model.data, emulator())):
         with pytest.raises(bd.BayesdegError, match="a different model"):
             other.with_verdict(verdict)
+
+
+def test_a_study_predicts_and_finds_pressures(plain):
+    table = bd.predict(plain, pressure=range(0, 121, 60), degradation=[0, 10])
+    quantiles = [f"q{q:02d}" for q in (5, 25, 50, 75, 95)]
+    columns = ["degradation_pct", "pressure_kPa", *quantiles, "probability"]
+    assert table.columns.tolist()[:8] == columns
+    assert len(table) == 6
+    wanted = float(table.query("degradation_pct == 0 and pressure_kPa == 60")["q50"].iloc[0])
+    with pytest.warns(UserWarning, match="a risk of"):
+        [pressure] = bd.control(plain, curvature=wanted, degradation=0)["pressure_kPa"]
+    assert pressure == pytest.approx(60.0, abs=2.0)
+    with pytest.warns(UserWarning, match="extrapolation"):
+        bd.predict(plain, pressure=[500.0], degradation=0)
+    unsure = bd.ServiceConditions(degradation_sd=2.0)
+    wide = bd.predict(plain, pressure=60, degradation=10, conditions=unsure)
+    row = table.query("degradation_pct == 10 and pressure_kPa == 60")
+    assert (wide["q95"] - wide["q05"])[0] > 1.5 * (row["q95"] - row["q05"]).iloc[0]
+    with pytest.warns(UserWarning, match="mount hanging"):
+        bd.predict(
+            plain, pressure=60, degradation=10, conditions=bd.ServiceConditions(mount="hanging")
+        )
+    asked = {"curvature": 200.0, "degradation": 0}
+    with pytest.warns(UserWarning, match="a risk of"):
+        allowed = bd.control(plain, **asked)["allowed_kPa"][0]
+    assert allowed == 160.0  # the largest that was tested
+    with pytest.warns(UserWarning, match="extrapolation|rests|risk") as said:
+        assert bd.control(plain, **asked, beyond=True)["allowed_kPa"][0] > 160.0
+    assert any("rests on" in str(one.message) for one in said)
+    buried = bd.predict(plain, pressure=60, hours=[0, 8])
+    assert buried["degradation_q05"][1] < buried["degradation_pct"][1]
+    assert buried["q50"][1] < buried["q50"][0]
+    wanted = float(buried["q50"].mean())
+    with pytest.warns(UserWarning, match="a risk of"):
+        life = bd.lifetime(plain, pressure=60, curvature=wanted, hours=np.linspace(0.0, 8.0, 5))
+    assert life.columns.tolist() == TABLES["lifetime"].headings
+    assert life["failed_probability"].is_monotonic_increasing
+    assert 0.0 < life.attrs["time_to_failure_q50_h"] < 8.0
+    assert "h" in life.attrs["summary"]
+
+
+def test_mistakes_with_a_study_are_told(fits, plain, tmp_path):
+    first, found, last = *fits[:2], plain
+    for call, words in (
+        (lambda: first.model.with_causes("presure_offset"), "'pressure_offset'"),
+        (lambda: bd.criticise(first, causes=["presure_offset"]), "'pressure_offset'"),
+        (lambda: bd.criticise(last), "without causes"),
+        (lambda: bd.predict(last, pressure=10.0), "degradation"),
+        (lambda: bd.predict(last, pressure=-1.0, degradation=0.0), "at least 0"),
+        (lambda: bd.predict(last, pressure=1.0, degradation=0.0, hours=1.0), "not both"),
+        (lambda: bd.predict(last, pressure=1.0, hours=-1.0), "at least 0"),
+        (lambda: bd.lifetime(last, pressure=0.0, curvature=1.0), "pressure"),
+        (lambda: bd.lifetime(last, pressure=9.0, curvature=1.0, hours=3.0), "at least two"),
+        (lambda: bd.lifetime(last, pressure=9.0, curvature=1.0, max_risk=0.0), "max_risk"),
+        (lambda: bd.predict(last, x=[1.0]), "pressure"),
+        (lambda: bd.control(last, curvature=0.0, degradation=0.0), "above 0"),
+        (lambda: bd.control(last, curvature=1.0, degradation=0.0, max_risk=1.0), "max_risk"),
+        (lambda: bd.report(tmp_path / "r", last, first, found), "different model"),
+        (lambda: bd.compare(first, first), "differ"),
+    ):
+        with pytest.raises(bd.BayesdegError, match=re.escape(words)):
+            call()

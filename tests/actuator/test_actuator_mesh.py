@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayesdeg.actuator import kernels
 from bayesdeg.actuator.body import (
     LINEAR_CONSTANT,
     LINEAR_FULL,
@@ -22,9 +21,9 @@ from bayesdeg.actuator.outputs import OUTPUTS, read_state
 from bayesdeg.actuator.problem import System
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import GeometryError
+from tests.actuator.geometries import ONE_ELEMENT_A_WALL, cavity
 
 ELEMENTS = (LINEAR_FULL, LINEAR_CONSTANT, QUADRATIC_CONSTANT, QUADRATIC)
-ONE_ELEMENT_A_WALL = Resolution(along=100.0, across=100.0, up=100.0)
 
 
 def air(d):
@@ -38,21 +37,6 @@ def air(d):
 def slots(d):
     deep = d.height - d.floor - d.channel_height - d.channel_roof
     return (d.chambers - 1) * d.gap * d.width / 2.0 * deep
-
-
-def cavity(body, placed):
-    """Volume and its gradient, (n_nodes, 3)."""
-    gradient = np.zeros_like(placed)
-    volume = kernels.cavity_volume(
-        placed,
-        body.cavity,
-        kernels.volume_form(body.element.order),
-        1.0,
-        gradient,
-        np.empty((0, 0, 0), dtype=np.int32),
-        np.empty(0),
-    )
-    return volume, gradient
 
 
 @st.composite

@@ -1,10 +1,9 @@
-"""The volume that the cavity takes up: pressure-volume work, a closed form, scale, reference."""
+"""The volume that the cavity takes up: a reference pressure, a hole in an infinite plane."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import simpson
 
 from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
 from bayesdeg.actuator.families import geometry_of
@@ -12,17 +11,10 @@ from bayesdeg.actuator.inputs import Inputs, material_groups
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.data.families import Constraint, CylindricalDimensions
-from bayesdeg.data.settings import Dimensions
-from tests.actuator.test_cylindrical import SMALL as CHANNELS
-from tests.actuator.test_ribbed import EXACT, ONE_ELEMENT_A_WALL, SMALL
+from tests.actuator.geometries import EXACT, GEOMETRIES, ONE_ELEMENT_A_WALL, RIBBED
 
 ONE = np.ones((1, 1))
 C1 = 0.01  # MPa
-FAMILIES = {
-    "pneunet": Dimensions(length=14.0, chambers=1),
-    "ribbed": SMALL,
-    "cylindrical": CHANNELS,
-}
 
 
 def inputs(pressure, scale=1.0):
@@ -38,38 +30,25 @@ def volume_of(forward, inputs):
 
 
 @pytest.mark.fem
-@pytest.mark.parametrize("family", FAMILIES)
-def test_the_pressure_does_the_work_that_is_stored(family, path_of, stored_energy):
-    """∫ p dV = p V − ∫ V dp [kPa ml = mJ] against the energy, which is in units of C1 mm³.
-
-    The map interpolates its equilibria between the ends of steps, to 1e-3 here; solved at each
-    pressure the work is exact up to Simpson's rule.
-    """
-    geometry = geometry_of(FAMILIES[family])
-    pressure = np.linspace(0.0, 4.0, 17)
+@pytest.mark.parametrize("name", ["pneunet", "ribbed", "channels"])
+def test_the_map_interpolates_volumes_of_equilibria(name):
+    """Between the ends of steps, to 1e-3 here."""
+    geometry, pressure = GEOMETRIES[name], np.linspace(0.0, 4.0, 17)
     one = inputs(pressure)
     mapped = volume_of(ExactMap(geometry, ONE_ELEMENT_A_WALL), one)[0]
-    groups = {name: float(np.ravel(value)[0]) for name, value in material_groups(one).items()}
+    groups = {key: float(np.ravel(value)[0]) for key, value in material_groups(one).items()}
     curve = Curve(tuple(1e-3 * pressure[1:] / C1), MaterialGroups(**groups))
     of = Actuator(build_mesh(geometry, ONE_ELEMENT_A_WALL))
     solved = of.solve(curve, effort=EXACT)
     volume = 2e-3 * np.array([0.0, *(solved.readings[:, 2] - solved.rest[2])])
     np.testing.assert_allclose(mapped, volume, rtol=1e-3)
-    work = pressure[-1] * volume[-1] - simpson(volume, x=pressure)
-    _, problem = of.problem(curve)
-    path = path_of(problem, curve.loads[-1:], EXACT)
-    stored = 2.0 * C1 * stored_energy(problem, path.points[-1].state.displacement)
-    print(f"{family}: work over energy - 1 is {work / stored - 1.0:.1e}")
-    assert work == pytest.approx(stored, rel=1e-5)
 
 
 @pytest.mark.fem
-def test_smaller_parts_take_up_less_by_the_cube_and_a_reference_is_taken_off():
-    forward = ExactMap(geometry_of(SMALL), ONE_ELEMENT_A_WALL)
+def test_what_it_takes_up_at_a_reference_pressure_is_taken_off():
+    forward = ExactMap(geometry_of(RIBBED), ONE_ELEMENT_A_WALL)
     paper = {"paper_thickness": 0.1 * ONE}
     whole = volume_of(forward, replace(inputs([1.0, 2.0]), **paper))
-    half = replace(inputs([1.0, 2.0], 0.5), paper_thickness=0.05 * ONE)
-    np.testing.assert_allclose(volume_of(forward, half), whole / 8.0, rtol=1e-9)
     off = replace(inputs([1.0, 2.0]), reference_pressure=ONE, **paper)
     np.testing.assert_allclose(
         volume_of(forward, off), [[0.0, whole[0, 1] - whole[0, 0]]], rtol=2e-4, atol=1e-6

@@ -1,4 +1,4 @@
-"""A round section with straight channels: its mesh, its volumes, symmetry, both assemblies."""
+"""A round section with straight channels: its outline, its volumes, its layers."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -10,25 +10,12 @@ from bayesdeg.actuator.body import boundary_faces
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.families import geometry_of, geometry_of_record
 from bayesdeg.actuator.mesh import Resolution, build_mesh, reshaped
-from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.segment import SegmentGeometry
-from bayesdeg.actuator.sensitivity import INPUTS
-from bayesdeg.actuator.status import Status
-from bayesdeg.data.families import Constraint, CylindricalDimensions
+from bayesdeg.data.families import Constraint
 from bayesdeg.errors import GeometryError
-from tests.actuator.test_ribbed import EXACT, ONE_ELEMENT_A_WALL, SOFT, cavity
+from tests.actuator.geometries import ONE_ELEMENT_A_WALL, ROUND, SOFT, cavity
 
-ROUND = CylindricalDimensions(
-    length=12.0,
-    width=9.0,
-    height=8.0,
-    channel_length=8.0,
-    channel_width=2.0,
-    channel_height=1.5,
-    offset=1.8,
-    section="round",
-)
 TWO = replace(ROUND, channels=2, channel_width=1.2, pitch=2.4)
 
 
@@ -48,7 +35,7 @@ def test_volumes_are_those_of_an_ellipse_less_its_channels(dimensions):
     for size in (1.5, 0.75):
         mesh = meshed(d, resolution=Resolution(12.0, size, size))
         errors.append(abs(2.0 * mesh.body.volume / geometry.volume - 1.0))
-        assert 2.0 * cavity(mesh.body) == pytest.approx(
+        assert 2.0 * cavity(mesh.body)[0] == pytest.approx(
             d.channels * d.channel_width * 1.5 * 8.0, rel=1e-12
         )
     assert errors[0] < 2e-4
@@ -92,8 +79,6 @@ def test_walls_and_erosion_move_the_same_bricks():
     anew = build_mesh(moved.geometry, Resolution(6.0, 1.0, 1.0))
     assert 2.0 * moved.body.volume == pytest.approx(moved.geometry.volume, rel=2e-4)
     assert moved.body.volume == pytest.approx(anew.body.volume, rel=2e-5)
-    again = reshaped(moved, wall_factor=1.0, erosion=0.0)
-    np.testing.assert_allclose(again.body.nodes, mesh.body.nodes, atol=1e-12)
     assert geometry_of_record(moved.geometry.record()) == replace(
         moved.geometry, constraint=replace(moved.geometry.constraint, height=4.0)
     )
@@ -137,27 +122,6 @@ def test_a_layer_outside_the_room_between_channels_is_refused():
 
 
 @pytest.mark.fem
-def test_equal_pressure_on_both_sides_bends_nothing_and_one_side_bends_towards_the_other():
-    curve = Curve((0.2, 0.4), SOFT)
-    both = Actuator(meshed(replace(ROUND, passive="pressurised"))).solve(curve, effort=EXACT)
-    one = Actuator(meshed()).solve(curve, effort=EXACT)
-    assert one.status is both.status is Status.CONVERGED
-    assert np.abs(both.bend_angle).max() < 1e-9
-    assert both.arc_length[-1] > 12.0
-    assert np.all(np.abs(one.bend_angle) > 1e-4)
-
-
-@pytest.mark.fem
-def test_both_assemblies_solve_the_same_curve():
-    curve = Curve((0.1, 0.3), replace(SOFT, skin=0.2, second_invariant_ratio=0.1))
-    found = [
-        Actuator(meshed(), backend=backend).solve(curve, effort=EXACT).readings
-        for backend in ("kernels", "scikit-fem")
-    ]
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.fem
 def test_the_pressure_does_the_work_that_the_residual_says():
     """∂V/∂u, the force of a unit pressure, against the volume of the mesh moved a little."""
     problem = Problem(System(meshed().body), SOFT)
@@ -169,26 +133,6 @@ def test_the_pressure_does_the_work_that_the_residual_says():
     ]
     slope = (volumes[1] - volumes[0]) / 2e-5
     assert np.sum(problem.cavity_gradient(rest) * direction) == pytest.approx(slope, rel=1e-8)
-
-
-@pytest.mark.fem
-def test_derivatives_by_walls_and_erosion_are_those_of_other_meshes():
-    of = Actuator(meshed())
-    every = replace(SOFT, skin=0.3, wall_factor=1.03, erosion=0.04)
-    curve = Curve((0.2, 0.5), every)
-    found, gradients = of.solve_with_gradients(curve)
-    assert found.status is Status.CONVERGED
-    smooth = [OUTPUTS.index(name) for name in ("bend_angle", "arc_length")]
-    for name in ("wall_factor", "erosion", "skin", "paper_group", "load"):
-        by = gradients[:, smooth, INPUTS.index(name)]
-        if name == "load":
-            np.testing.assert_allclose(found.rates[:, smooth], by, rtol=1e-4)
-            continue
-        start, ends = getattr(every, name), []
-        for share in (-1e-3, 1e-3):
-            other = replace(curve, material=replace(every, **{name: start * (1.0 + share)}))
-            ends.append(of.solve(other, effort=EXACT).readings[:, smooth])
-        np.testing.assert_allclose((ends[1] - ends[0]) / (2e-3 * start), by, rtol=5e-4)
 
 
 @pytest.mark.fem

@@ -15,12 +15,11 @@ from bayesdeg.actuator.body import (
     isoparametric,
     tetrahedra_of,
 )
-from bayesdeg.actuator.curve import Actuator, Curve, ExactMap
+from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.mesh import build_mesh
 from bayesdeg.actuator.paper import bending_matrix
 from bayesdeg.actuator.problem import Problem, System
 from bayesdeg.actuator.section import section
-from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.data.part import (
     PartError,
@@ -35,8 +34,9 @@ from bayesdeg.data.part import (
 from bayesdeg.data.plausibility import BENDING_LEFT_OUT, THICKEST_WITHOUT_BENDING
 from bayesdeg.material.hyperelastic import nominal_stress
 from bayesdeg.pages.surface import faces_of, nodal_fields, quads_of, write_vtu
-from tests.actuator.parts import COARSEST, ORDER, PATHS, SMALL, half, tetrahedral, whole, write
-from tests.actuator.test_part import geometry_of_file, inputs
+from tests.actuator.geometries import geometry_of_file
+from tests.actuator.parts import COARSEST, ORDER, PATHS, SMALL, half, tetrahedral, write
+from tests.actuator.test_part import inputs
 from tests.actuator.test_patch import (
     LAW,
     LOADED,
@@ -49,7 +49,6 @@ from tests.actuator.test_patch import (
     pressure_that_frees,
 )
 from tests.actuator.test_pressure_vessels import errors_of_sphere, octant
-from tests.peers.peer_path import FRESH
 
 
 def cube(counts, size=(1.0, 1.0, 1.0)):
@@ -356,55 +355,6 @@ def test_the_bending_of_paper_that_they_leave_out_is_small(tmp_path, part):
     assert np.all((usual > 0.1) & (usual < 0.3))
     assert np.all((thickest > 0.5) & (thickest < 0.8))
     np.testing.assert_allclose(thick, BENDING_LEFT_OUT * 0.5**2, rtol=0.25)
-
-
-@pytest.mark.fem
-def test_a_whole_part_and_one_elsewhere_read_as_the_half_does(tmp_path, part):
-    both = tetrahedral(whole())
-    points, cells, sides = tetrahedral(half())
-    moved = (points * [1.0, -1.0, 1.0] + [7.0, 3.0, -2.0], cells[:, [0, 2, 1, 3]], sides)
-    asked = replace(inputs(), asked="cavity_volume")
-    ours = ExactMap(part, COARSEST)(asked)
-    for other in of_parts(tmp_path, both, moved):
-        theirs = ExactMap(other, COARSEST)(asked)
-        # the halves of a whole are cut along other diagonals
-        near = 0.02 if other.part.is_half is False else 1e-7
-        np.testing.assert_allclose(theirs.curvature, ours.curvature, rtol=near)
-        np.testing.assert_allclose(theirs.further.value, ours.further.value, rtol=near)
-
-
-@pytest.mark.fem
-@pytest.mark.parametrize("name", ["load", "c2_ratio", "c3_ratio", "paper_group", "paper_mismatch"])
-def test_readings_are_differentiated_as_curves_solved_anew_say(part, name):
-    actuator = Actuator(build_mesh(part, COARSEST))
-    material = replace(FRESH, paper_mismatch=0.002)
-    _, gradients = actuator.solve_with_gradients(Curve((0.2,), material))
-    step = {"load": 1e-4, "paper_group": 1e-2}.get(name, 1e-5)
-    ends = []
-    for sign in (1.0, -1.0):
-        load = 0.2 + (sign * step if name == "load" else 0.0)
-        other = material
-        if name != "load":
-            other = replace(material, **{name: getattr(material, name) + sign * step})
-        ends.append(actuator.solve_with_gradients(Curve((load,), other))[0].readings[0])
-    actuator.close()
-    found = gradients[0, :3, INPUTS.index(name)]
-    np.testing.assert_allclose(
-        found, ((ends[0] - ends[1]) / (2.0 * step))[:3], rtol=2e-4, atol=1e-7
-    )
-
-
-@pytest.mark.parametrize(("suffix", "by"), [("inp", "nodes"), ("vtu", "arrays")])
-def test_other_formats_and_ways_of_naming_say_the_same(tmp_path, part, suffix, by):
-    other = geometry_of_file(write(tmp_path / f"part.{suffix}", tetrahedral(half()), by=by))
-    a, b = (build_mesh(one, COARSEST).body for one in (part, other))
-    for name in ("cavity", "paper"):
-        ours, theirs = getattr(a, name), getattr(b, name)
-        assert len(ours) == len(theirs) > 0
-        middles = [
-            np.sort(m.nodes[f].mean(axis=1).round(9), axis=0) for m, f in ((a, ours), (b, theirs))
-        ]
-        np.testing.assert_allclose(*middles)
 
 
 def with_middles(part):

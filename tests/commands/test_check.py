@@ -2,45 +2,43 @@
 
 import re
 import shutil
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from bayesdeg import cli
-
 TIMES = ("before", "after")
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
-def check(name, folder, monkeypatch, capsys, *, command="check", **changes):
-    """Check a shipped study, columns of whose files were changed; return exit code and output."""
-    made = shutil.copytree(STUDIES / name, folder / "study")
-    for table, change in changes.items():
-        frame = pd.read_csv(made / f"{table}.csv", comment="#")
-        change(frame).to_csv(made / f"{table}.csv", index=False)
-    monkeypatch.setattr(sys, "argv", ["bayesdeg", command, str(made)])
-    monkeypatch.chdir(folder)
-    code = cli.exit_code()
-    return code, "".join(capsys.readouterr())
+@pytest.fixture
+def check(bayesdeg, tmp_path, monkeypatch):
+    """Check a shipped study, columns of whose files were changed; gives exit code and output."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(name, *, command="check", **changes):
+        made = Path(shutil.copytree(STUDIES / name, "study"))
+        for table, change in changes.items():
+            frame = pd.read_csv(made / f"{table}.csv", comment="#")
+            change(frame).to_csv(made / f"{table}.csv", index=False)
+        code, *said = bayesdeg(command, made)
+        return code, "".join(said)
+
+    return run
 
 
 @pytest.mark.parametrize("name", ["gelatin_actuator", "treloar", "treloar_uniaxial"])
-def test_a_shipped_study_is_in_no_doubt(name, tmp_path, monkeypatch, capsys):
-    code, said = check(name, tmp_path, monkeypatch, capsys)
+def test_a_shipped_study_is_in_no_doubt(name, check):
+    code, said = check(name)
     assert code == 0
     assert "doubt" not in said
 
 
 @pytest.mark.parametrize("command", ["check", "run"])
-def test_an_angle_57_times_too_large_is_refused_at_once(command, tmp_path, monkeypatch, capsys):
+def test_an_angle_57_times_too_large_is_refused_at_once(command, check, tmp_path):
     """It once gave no verdict in eight minutes."""
     code, said = check(
         "gelatin_actuator",
-        tmp_path,
-        monkeypatch,
-        capsys,
         command=command,
         actuator=lambda rows: rows.assign(bend_angle_deg=57.296 * rows["bend_angle_deg"]),
     )
@@ -52,12 +50,9 @@ def test_an_angle_57_times_too_large_is_refused_at_once(command, tmp_path, monke
     assert not (tmp_path / "reports").exists()
 
 
-def test_all_that_is_impossible_is_refused_together(tmp_path, monkeypatch, capsys):
+def test_all_that_is_impossible_is_refused_together(check):
     code, said = check(
         "gelatin_actuator",
-        tmp_path,
-        monkeypatch,
-        capsys,
         tensile=lambda rows: rows.assign(stress_MPa=-rows["stress_MPa"]),
         actuator=lambda rows: rows.assign(bend_angle_deg=rows["bend_angle_deg"] / 57.296),
     )
@@ -68,28 +63,24 @@ def test_all_that_is_impossible_is_refused_together(tmp_path, monkeypatch, capsy
     assert "likely in radians" in second
 
 
-def test_one_actuator_with_ten_times_the_pressure_is_named_and_not_refused(
-    tmp_path, monkeypatch, capsys
-):
+def test_one_actuator_with_ten_times_the_pressure_is_named_and_not_refused(check):
     def slip(rows):
         factor = rows["specimen_id"].eq("A10-2").map({True: 10.0, False: 1.0})
         return rows.assign(pressure_kPa=factor * rows["pressure_kPa"])
 
-    code, said = check("gelatin_actuator", tmp_path, monkeypatch, capsys, actuator=slip)
+    code, said = check("gelatin_actuator", actuator=slip)
     assert code == 0
     assert "1 in doubt" in said
     [line] = [line for line in said.splitlines() if line.startswith("in doubt:")]
     assert "specimen 'A10-2', column pressure_kPa, value '2400'" in line
 
 
-def test_specimens_are_counted_by_file_and_what_looks_alike_is_in_doubt(
-    tmp_path, monkeypatch, capsys
-):
+def test_specimens_are_counted_by_file_and_what_looks_alike_is_in_doubt(check):
     def renamed(rows):
         half = (rows["specimen_id"] == "A00-1") & (rows["pressure_kPa"] > 120.0)
         return rows.assign(specimen_id=rows["specimen_id"].mask(half, "a00-1"))
 
-    code, said = check("gelatin_actuator", tmp_path, monkeypatch, capsys, actuator=renamed)
+    code, said = check("gelatin_actuator", actuator=renamed)
     assert code == 0
     rows = {line.split()[1]: line.split() for line in said.splitlines() if ".csv" in line}
     assert rows["actuator.csv"][-3:-1] == ["19", "specimens"]
@@ -98,20 +89,18 @@ def test_specimens_are_counted_by_file_and_what_looks_alike_is_in_doubt(
     assert "'a00-1'" in said
 
 
-def test_both_ways_to_the_volume_ratio_and_the_control_of_eq_6_are_said(
-    tmp_path, monkeypatch, capsys
-):
+def test_both_ways_to_the_volume_ratio_and_the_control_of_eq_6_are_said(bayesdeg, tmp_path):
     states = [f"mass_{state}_{time}_g" for state in ("dry", "equilibrated") for time in TIMES]
     rows = ("a,30,0.60,0.45,0.75,0.54", "b,30,0.60,0.46,0.75,0.552")  # 25 and 20 % of moisture
     made = shutil.copytree(STUDIES / "gelatin_actuator", tmp_path / "made")
     header = ",".join(["specimen_id", "time_min", *states])
     (made / "mass_loss.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", str(made)])
-    assert cli.exit_code() == 0
-    said = "".join(capsys.readouterr())
-    used, printed, *_ = map(float, re.findall(r"(0\.\d+) ± ", said))
+    code, *printed = bayesdeg("check", made)
+    assert code == 0
+    said = "".join(printed)
+    used, as_printed, *_ = map(float, re.findall(r"(0\.\d+) ± ", said))
     assert used == pytest.approx(0.586, abs=0.002)
-    assert 0.001 < used - printed < 0.02
+    assert 0.001 < used - as_printed < 0.02
     assert "Eqs 15" in said
     # 25 and 23.3 % of the mass over a rate of 20 %
     assert "1.21 ± 0.042" in said

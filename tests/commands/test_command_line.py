@@ -17,7 +17,8 @@ from bayesdeg.pages.folder import RunFolder
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
-def bayesdeg(*arguments, cwd):
+def process(*arguments, cwd):
+    """Run a command in a process of its own."""
     return subprocess.run(
         [sys.executable, "-m", "bayesdeg.cli", *map(str, arguments)],
         capture_output=True,
@@ -36,18 +37,17 @@ def rubber(tmp_path):
     return folder
 
 
-def test_check_lists_every_fault_and_ends_with_2(rubber):
+def test_check_lists_every_fault_and_ends_with_2(rubber, bayesdeg):
     table = (rubber / "tensile.csv").read_text(encoding="utf-8")
     (rubber / "tensile.csv").write_text(
         table.replace("uniaxial,1.125,0.1344", "uniaxial,-1.125,0.1344"), encoding="utf-8"
     )
     settings = (rubber / "study.toml").read_text(encoding="utf-8")
     (rubber / "study.toml").write_text(settings.replace("seed =", "sead ="), encoding="utf-8")
-    done = bayesdeg("check", rubber, cwd=rubber.parent)
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    lines = done.stderr.strip().splitlines()
+    code, printed, said = bayesdeg("check", rubber)
+    assert (code, printed) == (2, "")
+    assert "Traceback" not in said
+    lines = said.strip().splitlines()
     assert len(lines) == 2
     place = ("tensile.csv", "row 5", "column stretch", "value '-1.125'")
     assert any(all(part in line for part in place) for line in lines)
@@ -55,57 +55,35 @@ def test_check_lists_every_fault_and_ends_with_2(rubber):
 
 
 def test_a_sound_study_passes_the_check(rubber):
-    done = bayesdeg("check", rubber, cwd=rubber.parent)
+    done = process("check", rubber, cwd=rubber.parent)
     assert done.returncode == 0
     assert "without actuator.csv" in done.stdout
     assert "no faults" not in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("run", "nowhere"), "nowhere"),
-        (("run", "--effort", "enormous", "nowhere"), "enormous"),
-        (("report", "nowhere"), "--fresh"),
-        (("frobnicate",), "frobnicate"),
-    ],
-)
-def test_wrong_input_ends_with_2_and_no_traceback(tmp_path, arguments, words):
-    done = bayesdeg(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert words in done.stderr
-    assert "Traceback" not in done.stderr
+def test_simulate_suggests_the_nearest_cause(rubber, bayesdeg):
+    asked = ("simulate", rubber, "--cause", "presure_offset=3", "--out", rubber.parent / "out")
+    code, _, said = bayesdeg(*asked)
+    assert code == 2
+    assert "pressure_offset" in said
 
 
-def test_simulate_suggests_the_nearest_cause(rubber):
-    done = bayesdeg(
-        "simulate",
-        rubber,
-        "--cause",
-        "presure_offset=3",
-        "--out",
-        rubber.parent / "out",
-        cwd=rubber.parent,
-    )
-    assert done.returncode == 2
-    assert "pressure_offset" in done.stderr
-
-
-def test_causes_shows_units_and_priors(tmp_path):
-    done = bayesdeg("causes", cwd=tmp_path)
-    assert done.returncode == 0
+def test_causes_shows_units_and_priors(bayesdeg):
+    code, printed, _ = bayesdeg("causes")
+    assert code == 0
     for word in ("pressure_offset", "kPa", "Normal", "revealed by"):
-        assert word in done.stdout
+        assert word in printed
 
 
-def test_an_unknown_prior_is_named(rubber):
+def test_an_unknown_prior_is_named(rubber, bayesdeg, monkeypatch):
     settings = (rubber / "study.toml").read_text(encoding="utf-8")
     wrong = settings.replace('"c1_at_0"', '"c1_at_9"')
     (rubber / "study.toml").write_text(wrong, encoding="utf-8")
-    done = bayesdeg("run", rubber, cwd=rubber.parent)
-    assert done.returncode == 2
-    assert "c1_at_9" in done.stderr
-    assert "c1_at_0" in done.stderr
+    monkeypatch.chdir(rubber.parent)
+    code, _, said = bayesdeg("run", rubber)
+    assert code == 2
+    assert "c1_at_9" in said
+    assert "c1_at_0" in said
 
 
 def draws_of(folder):
@@ -118,7 +96,7 @@ def undisturbed(tmp_path_factory):
     study = tmp_path_factory.mktemp("undisturbed") / "rubber"
     shutil.copytree(STUDIES / "treloar_uniaxial", study)
     asked = ("run", study, "--effort", "quick", "--workers", 1, "--quiet", "--json")
-    done = bayesdeg(*asked, cwd=study.parent)
+    done = process(*asked, cwd=study.parent)
     assert done.returncode == 0, done.stderr
     target = study.parent / "reports" / "rubber"
     return study, done, target, draws_of(target)
@@ -131,11 +109,11 @@ def test_run_writes_the_folder_prints_json_and_resumes(undisturbed):
     assert json.loads(first.stdout)["outcome"] == "ambiguous"
     for name in ("index.html", "verdict.json", "posterior.nc", "posterior_base.nc", "run.json"):
         assert (target / name).exists()
-    again = bayesdeg("run", study, "--effort", "quick", cwd=study.parent)
+    again = process("run", study, "--effort", "quick", cwd=study.parent)
     assert "interrupted run" in again.stderr
     assert draws.equals(draws_of(target))
     (target / "index.html").unlink()
-    assert bayesdeg("report", target, cwd=study.parent).returncode == 0
+    assert process("report", target, cwd=study.parent).returncode == 0
     assert (target / "index.html").exists()
 
 
@@ -143,7 +121,7 @@ def test_run_writes_the_folder_prints_json_and_resumes(undisturbed):
 def test_workers_do_not_change_the_result(undisturbed, tmp_path):
     study, _, target, draws = undisturbed
     asked = ("run", study, "--effort", "quick", "--workers", 3, "--out", tmp_path / "out")
-    done = bayesdeg(*asked, cwd=tmp_path)
+    done = process(*asked, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert draws.equals(draws_of(tmp_path / "out"))
     verdicts = [RunFolder(path).read_json("verdict") for path in (target, tmp_path / "out")]
@@ -207,7 +185,7 @@ def test_a_killed_run_leaves_nothing_broken_and_goes_on(rubber, undisturbed):
         with subprocess.Popen(command, cwd=rubber.parent, stderr=subprocess.DEVNULL) as running:
             time.sleep(seconds)
             running.send_signal(signal.SIGKILL)
-    done = bayesdeg("run", rubber, "--effort", "quick", cwd=rubber.parent)
+    done = process("run", rubber, "--effort", "quick", cwd=rubber.parent)
     assert done.returncode == 0, done.stderr
     assert not list((rubber.parent / "reports").rglob("*.part"))
     assert undisturbed[3].equals(draws_of(rubber.parent / "reports" / "rubber"))

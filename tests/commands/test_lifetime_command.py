@@ -10,14 +10,14 @@ from bayesdeg.pages.tables import TABLES
 from tests.commands.test_predict_and_control import (
     LIMIT,
     TIME_CONSTANT,
-    bayesdeg,
     buried,
+    empty_folder,
     models,
     report,
     rows_of,
 )
 
-__all__ = ["bayesdeg", "buried", "models", "report"]
+__all__ = ["buried", "empty_folder", "models", "report"]
 DUTY = ("--pressure", "80", "--curvature", "4")
 FEW = ("--hours", "0:20:5")
 
@@ -131,25 +131,6 @@ def test_the_table_ends_in_what_it_comes_to(bayesdeg, buried):
 def test_times_are_those_of_the_films_if_none_are_given(bayesdeg, buried):
     table, _ = life_of(bayesdeg, buried, *DUTY)
     assert (table["time_h"].iloc[0], table["time_h"].iloc[-1]) == (0.0, 24.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--pressure", "0", "--curvature", "4"), "--pressure 0 kPa"),
-        (("--pressure", "80", "--curvature", "-1"), "--curvature -1 1/m"),
-        (("--pressure", "80", "--curvature", "nan"), "--curvature nan"),
-        ((*DUTY, "--risk", "1"), "above 0 and below 1"),
-        ((*DUTY, "--hours", "-1,5"), "--hours -1 h"),
-        ((*DUTY, "--hours", "8"), "0:8:1"),
-        ((*DUTY, "--hours", "0:1000:1"), "combinations"),
-        ((*DUTY, "--mount", "standing"), "hanging"),
-    ],
-)
-def test_what_is_no_duty_ends_with_2(bayesdeg, buried, arguments, words):
-    code, printed, messages = bayesdeg("lifetime", buried, *arguments)
-    assert (code, printed) == (2, "")
-    assert words in " ".join(messages.split())
 
 
 def test_a_study_without_moisture_ends_with_2(bayesdeg, report):

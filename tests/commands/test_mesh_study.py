@@ -1,13 +1,10 @@
 """Studies of parts that a user has meshed: checked with one line a fault, drawn, simulated, run."""
 
-import sys
-
 import meshio
 import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg import cli
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.pipeline.outline import outline
@@ -24,20 +21,11 @@ ACTUATOR = (
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, capsys):
-    """Run a command on a study; gives exit code and what it printed to standard error."""
-    study = tmp_path / "study"
-    study.mkdir()
-    write(study / "part.msh", half())
-    study_in(study, {"study.toml": SETTINGS + MESH, "actuator.csv": ACTUATOR})
-    monkeypatch.chdir(tmp_path)
-
-    def call(name, *options):
-        monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "study", *options])
-        return cli.exit_code(), "".join(capsys.readouterr())
-
-    call.study = study
-    return call
+def command(command):
+    """Run a command on a study of a part."""
+    write(command.study / "part.msh", half())
+    study_in(command.study, {"study.toml": SETTINGS + MESH, "actuator.csv": ACTUATOR})
+    return command
 
 
 def test_check_draws_the_part_and_says_what_it_is(command):
@@ -194,15 +182,14 @@ def test_cells_that_are_not_solved_are_refused_by_name(command, cells, word):
 
 
 @pytest.mark.fem
-def test_a_part_of_tetrahedra_is_simulated_and_is_a_study_again(command, monkeypatch):
+def test_a_part_of_tetrahedra_is_simulated_and_is_a_study_again(bayesdeg, command, monkeypatch):
     write(command.study / "part.msh", tetrahedral(half()))
     code, said = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")
     assert code == 0, said
     made = pd.read_csv(command.study.parent / "virtual" / "actuator.csv", comment="#")
     assert np.all(np.diff(made["curvature_per_m"]) > 0.0)
     assert 0.01 < made["cavity_volume_ml"].iloc[-1] < 0.2
-    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
-    assert cli.exit_code() == 0
+    assert bayesdeg("check", "virtual")[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -235,7 +222,9 @@ def test_a_damaged_file_is_refused(command):
 
 
 @pytest.mark.fem
-def test_a_virtual_experiment_is_made_with_volumes_and_is_a_study_again(command, monkeypatch):
+def test_a_virtual_experiment_is_made_with_volumes_and_is_a_study_again(
+    bayesdeg, command, monkeypatch
+):
     code, said = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")
     assert code == 0, said
     made = command.study.parent / "virtual"
@@ -243,12 +232,11 @@ def test_a_virtual_experiment_is_made_with_volumes_and_is_a_study_again(command,
     header, *_, last = (made / "actuator.csv").read_text("utf-8").splitlines()[1:]
     volume = dict(zip(header.split(","), last.split(","), strict=True))["cavity_volume_ml"]
     assert 0.01 < float(volume) < 0.2
-    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
-    assert cli.exit_code() == 0
+    assert bayesdeg("check", "virtual")[0] == 0
 
 
 @pytest.mark.fem
-def test_tip_forces_are_made_where_the_study_has_some(command, monkeypatch):
+def test_tip_forces_are_made_where_the_study_has_some(bayesdeg, command, monkeypatch):
     """Read by `check`, the same for a seed, and gone with the design that asked for them."""
     rows = "specimen_id,degradation_pct,pressure_kPa,tip_force_N\nt0,0,30,0.03\nt0,0,60,0.06\n"
     (command.study / "force.csv").write_text(rows, encoding="utf-8")
@@ -263,8 +251,7 @@ def test_tip_forces_are_made_where_the_study_has_some(command, monkeypatch):
     forces = pd.read_csv(made / "force.csv", comment="#")["tip_force_N"].to_numpy()
     assert len(forces) == 2
     assert 0.0 < forces[0] < forces[1] < 1.0
-    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
-    assert cli.exit_code() == 0
+    assert bayesdeg("check", "virtual")[0] == 0
     assert outline(read_study(made)).asked == ("cavity_volume", "tip_force")
     (command.study / "force.csv").unlink()
     assert command("simulate", "--out", "virtual", "--workers", "1", "--quiet")[0] == 0

@@ -1,10 +1,10 @@
 """``next`` on run folders of every outcome."""
 
 import json
+from functools import partial
 
 import pytest
 
-from bayesdeg.cli import exit_code
 from bayesdeg.pages.folder import RunFolder
 from tests.pages.synthetic_run import write_bare, write_full
 
@@ -30,16 +30,8 @@ WEIGHED = {
 
 
 @pytest.fixture
-def ask(monkeypatch, capsys):
-    """Run ``bayesdeg next``; return exit code, standard output and standard error."""
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["bayesdeg", "next", *map(str, arguments)])
-        code = exit_code()
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return run
+def ask(bayesdeg):
+    return partial(bayesdeg, "next")
 
 
 def folder_of(path, outcome, experiments, **changes):

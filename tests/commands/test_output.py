@@ -41,15 +41,9 @@ def here(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
+def call(bayesdeg):
     """Run a command in this process; gives its exit code and what it said."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["bayesdeg", *map(str, arguments), "--workers", "1"])
-        code = cli.exit_code()
-        return code, capsys.readouterr().err
-
-    return run
+    return lambda *arguments: bayesdeg(*arguments, "--workers", 1)[::2]
 
 
 def contents(folder):

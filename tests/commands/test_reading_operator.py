@@ -1,13 +1,11 @@
 """``[reading] operator`` in the commands: a reminder, a refusal, readings as they are stated."""
 
-import sys
 from io import StringIO
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg import cli
 from bayesdeg.actuator.reading import ReadByOperator, mechanics_of, operator_ratio
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import simulate
@@ -27,7 +25,7 @@ ACTUATOR = (
 
 
 @pytest.fixture
-def call(monkeypatch, tmp_path, capsys):
+def call(monkeypatch, tmp_path, bayesdeg):
     """Run a command on a study with more in its settings; gives the code and what was said."""
     monkeypatch.setattr(simulate, "FINE", Resolution(9.0, 9.0, 9.0))
 
@@ -36,9 +34,8 @@ def call(monkeypatch, tmp_path, capsys):
         study.mkdir(exist_ok=True)
         study_in(study, {"actuator.csv": ACTUATOR})
         (study / "study.toml").write_text(SETTINGS + more, encoding="utf-8")
-        monkeypatch.setattr(sys, "argv", ["bayesdeg", name, str(study), *map(str, options)])
-        code = cli.exit_code()
-        return code, "".join(capsys.readouterr())
+        code, *said = bayesdeg(name, study, *options)
+        return code, "".join(said)
 
     return run
 

@@ -1,13 +1,12 @@
 """Studies of segments at the command line: read, drawn, simulated, trained for, run."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bayesdeg import cli, training
+from bayesdeg import training
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import Inputs
@@ -59,19 +58,10 @@ FORCE = "specimen_id,degradation_pct,pressure_kPa,tip_force_N\na0,0,40,0.1\na0,0
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, capsys):
-    """Run a command on a study; gives exit code and what it printed to standard error."""
-    study = tmp_path / "study"
-    study.mkdir()
-    study_in(study, {"study.toml": SETTINGS + SEGMENT, "actuator.csv": ACTUATOR})
-    monkeypatch.chdir(tmp_path)
-
-    def call(name, *options):
-        monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "study", *options])
-        return cli.exit_code(), "".join(capsys.readouterr())
-
-    call.study = study
-    return call
+def command(command):
+    """Run a command on a study of a ribbed segment."""
+    study_in(command.study, {"study.toml": SETTINGS + SEGMENT, "actuator.csv": ACTUATOR})
+    return command
 
 
 def test_check_says_what_it_is_and_draws_it(command):
@@ -120,7 +110,7 @@ def test_impossible_dimensions_end_with_exit_code_2(command):
 
 
 @pytest.mark.fem
-def test_a_virtual_experiment_is_made_and_is_a_study_again(command, monkeypatch):
+def test_a_virtual_experiment_is_made_and_is_a_study_again(bayesdeg, command, monkeypatch):
     monkeypatch.setattr(simulate, "FINE", Resolution(9.0, 9.0, 9.0))
     code, _ = command("simulate", "--out", "virtual", "--workers", "1", "--quiet")
     assert code == 0
@@ -128,13 +118,14 @@ def test_a_virtual_experiment_is_made_and_is_a_study_again(command, monkeypatch)
     assert 'kind = "ribbed"' in (made / "study.toml").read_text("utf-8")
     rows = (made / "actuator.csv").read_text("utf-8").splitlines()[-1].split(",")
     assert 0.0 < float(rows[4]) < 5.0
-    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
-    assert cli.exit_code() == 0
+    assert bayesdeg("check", "virtual")[0] == 0
 
 
 @pytest.mark.fem
 @pytest.mark.parametrize("section", ["block", "round"])
-def test_a_study_of_straight_channels_is_drawn_and_simulated(command, monkeypatch, section):
+def test_a_study_of_straight_channels_is_drawn_and_simulated(
+    bayesdeg, command, monkeypatch, section
+):
     text = SETTINGS + CHANNELS + f'section = "{section}"\n'
     (command.study / "study.toml").write_text(text, encoding="utf-8")
     code, said = command("check")
@@ -151,8 +142,7 @@ def test_a_study_of_straight_channels_is_drawn_and_simulated(command, monkeypatc
     made_of = (made / "study.toml").read_text("utf-8")
     assert 'kind = "cylindrical"' in made_of
     assert ('section = "round"' in made_of) == (section == "round")
-    monkeypatch.setattr(sys, "argv", ["bayesdeg", "check", "virtual"])
-    assert cli.exit_code() == 0
+    assert bayesdeg("check", "virtual")[0] == 0
 
 
 def test_a_channel_beside_the_block_ends_with_exit_code_2(command):

@@ -2,11 +2,11 @@
 
 import json
 import xml.etree.ElementTree as ET
+from functools import partial
 
 import pandas as pd
 import pytest
 
-from bayesdeg.cli import exit_code
 from bayesdeg.laboratory.hidden import HiddenTruth, lines_of
 from bayesdeg.laboratory.score import OUTSIDE, SAID, SEVERAL, WITH_IT, WITHOUT_IT
 
@@ -19,19 +19,12 @@ ANSWERS = "study,outcome,causes\n0001,adequate,\n0002,ambiguous,creep|mullins\n0
 
 
 @pytest.fixture
-def ask(monkeypatch, capsys, tmp_path):
+def ask(monkeypatch, bayesdeg, tmp_path):
     """Run ``bayesdeg score``; return exit code, standard output and standard error."""
     (tmp_path / "truths.jsonl").write_text(lines_of(TRUTHS), encoding="utf-8")
     (tmp_path / "answers.csv").write_text(ANSWERS, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["bayesdeg", "score", *map(str, arguments)])
-        code = exit_code()
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return run
+    return partial(bayesdeg, "score")
 
 
 def test_a_score_is_printed(ask):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import bayesdeg as bd
-from bayesdeg import cli, training
+from bayesdeg import training
 from bayesdeg.actuator.status import Backend, Status
 from bayesdeg.commands import run as run_command
 from bayesdeg.data.study import read_study
@@ -32,7 +32,7 @@ from bayesdeg.surrogate.scaling import ONE, TrainingRange
 from bayesdeg.surrogate.solutions import SolutionStore
 from bayesdeg.surrogate.trained import is_refined, read_trained, write_trained
 from tests.pipeline.study_files import SETTINGS, study_in
-from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator
+from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator, solve_once
 
 ROOT = Path(__file__).parents[2]
 CACHED = cached_path(GEOMETRY, RECIPE)
@@ -48,22 +48,11 @@ def here(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "ROUNDS", 0)
     monkeypatch.setattr(training, "LAST_ROUNDS", 0)
     monkeypatch.setattr(campaign, "build", build)
+    monkeypatch.setattr(campaign, "solve", solve_once)
     (tmp_path / "tiny.toml").write_text(TABLE, encoding="utf-8")
     (tmp_path / "study").mkdir()
     study_in(tmp_path / "study", {"study.toml": SETTINGS + TABLE})
     return tmp_path
-
-
-@pytest.fixture
-def command(monkeypatch, capsys):
-    """Run a command in this process; gives exit code, standard output and standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["bayesdeg", *map(str, arguments)])
-        code = cli.exit_code()
-        return code, *capsys.readouterr()
-
-    return call
 
 
 @pytest.fixture
@@ -91,8 +80,8 @@ def solved(folder=Path(".cache/campaign")):
 # ---- emulate
 
 
-def test_emulate_says_the_time_trains_and_ends_with_a_table(here, command):
-    code, out, err = command("emulate", "tiny.toml", "--workers", 1)
+def test_emulate_says_the_time_trains_and_ends_with_a_table(here, bayesdeg):
+    code, out, err = bayesdeg("emulate", "tiny.toml", "--workers", 1)
     assert (code, out.strip()) == (0, f"wrote {CACHED}"), err
     lines = err.splitlines()
     expected = next(i for i, line in enumerate(lines) if line.startswith("training takes"))
@@ -114,10 +103,10 @@ def test_emulate_says_the_time_trains_and_ends_with_a_table(here, command):
     assert len(solved()) == 8
 
 
-def test_emulate_repeats_nothing(here, command):
-    command("emulate", "tiny.toml", "--workers", 1, "--quiet")
+def test_emulate_repeats_nothing(here, bayesdeg):
+    bayesdeg("emulate", "tiny.toml", "--workers", 1, "--quiet")
     before = solved()
-    code, _, err = command("emulate", "study", "--workers", 1, "--out", "other.npz")
+    code, _, err = bayesdeg("emulate", "study", "--workers", 1, "--out", "other.npz")
     assert code == 0
     assert "training takes" not in err
     assert solved() == before
@@ -125,10 +114,10 @@ def test_emulate_repeats_nothing(here, command):
 
 
 @pytest.mark.long
-def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, command):
-    command("emulate", "tiny.toml", "--workers", 1, "--quiet")
+def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, bayesdeg):
+    bayesdeg("emulate", "tiny.toml", "--workers", 1, "--quiet")
     before = solved()
-    code, _, err = command(
+    code, _, err = bayesdeg(
         *("emulate", "tiny.toml", "--workers", 1, "--quiet", "--backend", "scikit-fem")
     )
     assert code == 0, err
@@ -145,28 +134,28 @@ def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, command)
 
 
 @pytest.mark.slow
-def test_run_takes_no_emulator_of_another_assembly(here, command, pipeline):
-    code, _, err = command("run", "study", "--workers", 1, "--yes")
+def test_run_takes_no_emulator_of_another_assembly(here, bayesdeg, pipeline):
+    code, _, err = bayesdeg("run", "study", "--workers", 1, "--yes")
     assert code == 0, err
     write_trained(Path("given.npz"), pipeline[0])
     before = len(solved())
-    code, _, err = command("run", "study", "--workers", 1, "--yes", "--backend", "scikit-fem")
+    code, _, err = bayesdeg("run", "study", "--workers", 1, "--yes", "--backend", "scikit-fem")
     assert code == 0, err
     assert len(solved()) == 2 * before
-    code, _, err = command("run", "study", "--emulator", "given.npz", "--backend", "scikit-fem")
+    code, _, err = bayesdeg("run", "study", "--emulator", "given.npz", "--backend", "scikit-fem")
     assert code == 2
     assert "given.npz" in err
     assert "kernels" in err
 
 
-def test_quiet_says_where_the_emulator_is_and_nothing_else(here, command):
+def test_quiet_says_where_the_emulator_is_and_nothing_else(here, bayesdeg):
     said = (0, f"wrote {CACHED}\n", "")
-    assert command("emulate", "tiny.toml", "--workers", 1, "--quiet") == said
+    assert bayesdeg("emulate", "tiny.toml", "--workers", 1, "--quiet") == said
     assert CACHED.exists()
 
 
-def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
-    code, _, err = command(
+def test_runs_that_are_given_up_are_listed_with_their_parameters(here, bayesdeg):
+    code, _, err = bayesdeg(
         *("emulate", "tiny.toml", "--workers", 1, "--out", "out.npz", "--timeout", 1e-6)
     )
     assert code == 0, err
@@ -184,7 +173,7 @@ def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
         assert float(row["mesh_along"]) == run.resolution.along
         assert float(row["largest_load"]) == run.curve.loads[-1]
     # with more time they are solved, and nothing is listed any more
-    code, _, err = command("emulate", "tiny.toml", "--workers", 1, "--out", "out.npz")
+    code, _, err = bayesdeg("emulate", "tiny.toml", "--workers", 1, "--out", "out.npz")
     assert code == 0, err
     assert not listed.exists()
     assert "failed" not in err
@@ -199,34 +188,17 @@ def test_runs_that_are_given_up_are_listed_with_their_parameters(here, command):
         ("[actuator\n", ["tiny.toml, row 1", "valid TOML"]),
     ],
 )
-def test_a_geometry_that_is_none_is_refused(here, command, text, said):
+def test_a_geometry_that_is_none_is_refused(here, bayesdeg, text, said):
     Path("tiny.toml").write_text(text, encoding="utf-8")
-    code, out, err = command("emulate", "tiny.toml")
+    code, out, err = bayesdeg("emulate", "tiny.toml")
     assert (code, out) == (2, "")
     assert all(words in err for words in said)
     assert "study.toml" not in err
     assert not Path(".cache").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("emulate", "nowhere"), "nowhere: cannot"),
-        (("emulate", "."), "study.toml: cannot"),
-        (("emulate", "--timeout", "0"), "0 s is"),
-        (("emulate", "--timeout", "soon"), "--timeout"),
-        (("emulate", "--workers", "0"), "--workers"),
-    ],
-)
-def test_wrong_arguments_end_with_2(here, command, arguments, said):
-    code, _, err = command(*arguments)
-    assert code == 2
-    assert said in err
-    assert "Traceback" not in err
-
-
 @pytest.mark.parametrize("name", ["emulate", "run"])
-def test_the_cluster_is_asked_for_by_its_address(here, command, pipeline, monkeypatch, name):
+def test_the_cluster_is_asked_for_by_its_address(here, bayesdeg, pipeline, monkeypatch, name):
     asked = []
 
     @contextmanager
@@ -235,14 +207,14 @@ def test_the_cluster_is_asked_for_by_its_address(here, command, pipeline, monkey
         yield None
 
     monkeypatch.setattr(workers, "pool", pool)
-    code, *_ = command(name, "study", "--scheduler", "tcp://192.0.2.1:8786", "--workers", 3)
+    code, *_ = bayesdeg(name, "study", "--scheduler", "tcp://192.0.2.1:8786", "--workers", 3)
     assert code == 0
     assert asked == [(3, "tcp://192.0.2.1:8786")]
 
 
 @pytest.mark.parametrize("name", ["emulate", "run"])
-def test_help_names_every_option(command, name):
-    _, out, _ = command(name, "--help")
+def test_help_names_every_option(bayesdeg, name):
+    _, out, _ = bayesdeg(name, "--help")
     for option in ("--workers", "--scheduler", "--out", "--yes", "--quiet"):
         assert option in out
     assert ".cache/" in out
@@ -251,15 +223,15 @@ def test_help_names_every_option(command, name):
 # ---- run
 
 
-def test_run_trains_on_first_use_and_finds_the_emulator_afterwards(here, command, pipeline):
-    code, _, err = command("run", "study", "--workers", 1)
+def test_run_trains_on_first_use_and_finds_the_emulator_afterwards(here, bayesdeg, pipeline):
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert "one is trained" in err
     assert f"training takes {duration(0.0)}" in err
     # of what one study may ask, and not of the whole range
     assert len(kept()) == 1
     assert not CACHED.exists()
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0
     assert "train" not in err
     assert [surrogate.length for surrogate in pipeline] == [14.0, 14.0]
@@ -270,13 +242,13 @@ def test_run_trains_on_first_use_and_finds_the_emulator_afterwards(here, command
     ("content", "said"),
     [("damaged", "is damaged"), ("outdated", "trained on version 0")],
 )
-def test_run_trains_again_what_cannot_be_used_and_says_why(here, command, pipeline, content, said):
+def test_run_trains_again_what_cannot_be_used_and_says_why(here, bayesdeg, pipeline, content, said):
     if content == "damaged":
         CACHED.parent.mkdir(parents=True)
         CACHED.write_bytes(b"PK nothing")
     else:
         write_trained(CACHED, emulator(version="0"))
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0
     assert str(CACHED) in err
     assert said in err
@@ -284,11 +256,11 @@ def test_run_trains_again_what_cannot_be_used_and_says_why(here, command, pipeli
     assert read_trained(new).record == pipeline[0].record
 
 
-def test_run_solves_further_curves_where_the_posterior_lies(here, command, pipeline, monkeypatch):
+def test_run_solves_further_curves_where_the_posterior_lies(here, bayesdeg, pipeline, monkeypatch):
     monkeypatch.setattr(training, "ROUNDS", 1)
     monkeypatch.setattr(training, "TARGET_PCT", 1e9)
     monkeypatch.setattr(training, "TARGET_OUTSIDE", 1.0)
-    code, _, err = command("run", "study", "--workers", 1, "--out", "one")
+    code, _, err = bayesdeg("run", "study", "--workers", 1, "--out", "one")
     assert code == 0, err
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs
     assert "more curves" not in err
@@ -296,7 +268,7 @@ def test_run_solves_further_curves_where_the_posterior_lies(here, command, pipel
         path.unlink()
     monkeypatch.setattr(training, "TARGET_PCT", 0.0)
     monkeypatch.setattr(training, "REFINABLE_PCT", 0.0)
-    code, _, err = command("run", "study", "--workers", 1, "--out", "two")
+    code, _, err = bayesdeg("run", "study", "--workers", 1, "--out", "two")
     assert code == 0, err
     assert "more curves" in err
     more = training.MORE_COARSE + training.MORE_FINE
@@ -323,9 +295,9 @@ def test_rounds_end_where_further_curves_mend_nothing(error_pct, outside, before
     assert training._is_good(asked(outside), design, 1.0, earlier) is good
 
 
-def test_training_ends_with_fine_curves_at_the_posterior(here, command, pipeline, monkeypatch):
+def test_training_ends_with_fine_curves_at_the_posterior(here, bayesdeg, pipeline, monkeypatch):
     monkeypatch.setattr(training, "LAST_ROUNDS", 1)
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert len(solved()) == RECIPE.coarse_runs + RECIPE.fine_runs + FIRST
     (own,) = kept()
@@ -333,48 +305,48 @@ def test_training_ends_with_fine_curves_at_the_posterior(here, command, pipeline
     assert json.loads(record)["refinement"]["curves"] <= FIRST
     assert not is_refined(record)
     assert str(RECIPE.coarse_runs) in err
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert pipeline[1].record == record
     assert kept() == [own]
     assert "finite element" not in err
 
 
-def test_an_emulator_stays_where_too_few_curves_refine_it(here, command, pipeline, monkeypatch):
+def test_an_emulator_stays_where_too_few_curves_refine_it(here, bayesdeg, pipeline, monkeypatch):
     def refine(*_):
         raise TooFewCurvesError("2 curves are too few")
 
     monkeypatch.setattr(training, "LAST_ROUNDS", 1)
     monkeypatch.setattr(training, "refined_by", refine)
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert "2 curves" in err
     assert json.loads(pipeline[0].record)["refinement"] is None
     assert not is_refined(pipeline[0].record)
     assert emulator_facts(pipeline[0].record).record
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert "2 curves" not in err  # it is not tried again
 
 
-def test_what_an_earlier_version_trained_is_refined(here, command, pipeline, monkeypatch):
-    command("run", "study", "--workers", 1)
+def test_what_an_earlier_version_trained_is_refined(here, bayesdeg, pipeline, monkeypatch):
+    bayesdeg("run", "study", "--workers", 1)
     monkeypatch.setattr(training, "LAST_ROUNDS", 1)
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert json.loads(pipeline[1].record)["refinement"]["curves"] <= FIRST
     assert len(kept()) == 1
 
 
-def test_what_a_former_version_fitted_is_fitted_anew(here, command, pipeline):
+def test_what_a_former_version_fitted_is_fitted_anew(here, bayesdeg, pipeline):
     """From the curves that are solved."""
-    command("run", "study", "--workers", 1)
+    bayesdeg("run", "study", "--workers", 1)
     (own,), curves = kept(), solved()
     record = json.loads(pipeline[0].record)
     former = replace(emulator(), record=json.dumps(record | {"fit_version": "0"}))
     write_trained(own, former)
     for fitted in (1, 2):
-        code, _, err = command("run", "study", "--workers", 1)
+        code, _, err = bayesdeg("run", "study", "--workers", 1)
         assert code == 0, err
         assert pipeline[fitted].record == pipeline[0].record
         assert ("is trained now" in err) == (fitted == 1)
@@ -382,23 +354,23 @@ def test_what_a_former_version_fitted_is_fitted_anew(here, command, pipeline):
 
 
 def test_an_emulator_of_another_study_is_used_where_it_is_good(
-    here, command, pipeline, monkeypatch
+    here, bayesdeg, pipeline, monkeypatch
 ):
-    command("run", "study", "--workers", 1)
+    bayesdeg("run", "study", "--workers", 1)
     (own,) = kept()
     own.rename(own.with_name("others.npz"))
     monkeypatch.setattr(training, "TARGET_PCT", 1e9)
     monkeypatch.setattr(training, "TARGET_OUTSIDE", 1.0)
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert len(kept()) == 1
     monkeypatch.setattr(training, "TARGET_PCT", 0.0)
-    command("run", "study", "--workers", 1)
+    bayesdeg("run", "study", "--workers", 1)
     assert len(kept()) == 2
 
 
-def test_python_and_run_find_what_the_other_trained(here, command, pipeline):
-    command("run", "study", "--workers", 1)
+def test_python_and_run_find_what_the_other_trained(here, bayesdeg, pipeline):
+    bayesdeg("run", "study", "--workers", 1)
     curves, files = solved(), kept()
     study = read_study(here / "study")
     found = bd.emulator(study, workers=1, progress=False)
@@ -409,7 +381,7 @@ def test_python_and_run_find_what_the_other_trained(here, command, pipeline):
     assert solved() == curves
     files[0].unlink()
     next(Path("others").glob("*.npz")).rename(files[0])
-    code, _, err = command("run", "study", "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--workers", 1)
     assert code == 0, err
     assert "is trained now" not in err
 
@@ -423,9 +395,9 @@ def test_an_emulator_of_dimensions_alone_says_how_long_it_takes(here):
     assert found.length == 14.0
 
 
-def test_an_emulator_file_is_used_as_it_is(here, command, pipeline):
+def test_an_emulator_file_is_used_as_it_is(here, bayesdeg, pipeline):
     write_trained(Path("mine.npz"), emulator())
-    code, *_ = command("run", "study", "--emulator", "mine.npz", "--workers", 1)
+    code, *_ = bayesdeg("run", "study", "--emulator", "mine.npz", "--workers", 1)
     assert code == 0
     assert pipeline[0].record == emulator().record
     assert not Path(".cache").exists()
@@ -440,7 +412,7 @@ def test_an_emulator_file_is_used_as_it_is(here, command, pipeline):
         ("other", "chambers = 1 (trained: 5)"),
     ],
 )
-def test_an_emulator_file_that_does_not_fit_is_refused(here, command, pipeline, kind, said):
+def test_an_emulator_file_that_does_not_fit_is_refused(here, bayesdeg, pipeline, kind, said):
     path = Path("mine.npz")
     if kind == "damaged":
         path.write_bytes(b"PK nothing")
@@ -449,23 +421,23 @@ def test_an_emulator_file_that_does_not_fit_is_refused(here, command, pipeline, 
     elif kind == "other":
         five = replace(GEOMETRY, dimensions=replace(GEOMETRY.dimensions, length=50.0, chambers=5))
         write_trained(path, emulator(five))
-    code, _, err = command("run", "study", "--emulator", path, "--workers", 1)
+    code, _, err = bayesdeg("run", "study", "--emulator", path, "--workers", 1)
     assert code == 2
     assert said in err
     assert "bayesdeg emulate" in err
     assert not pipeline
 
 
-def test_a_study_without_actuators_needs_no_emulator(here, command, pipeline):
+def test_a_study_without_actuators_needs_no_emulator(here, bayesdeg, pipeline):
     (here / "study" / "actuator.csv").unlink()
-    code, *_ = command("run", "study", "--workers", 1)
+    code, *_ = bayesdeg("run", "study", "--workers", 1)
     assert code == 0
     assert pipeline == [None]
     assert not Path(".cache").exists()
 
 
-def test_check_takes_another_geometry_and_says_that_it_will_be_trained(here, command):
-    code, out, _ = command("check", "study")
+def test_check_takes_another_geometry_and_says_that_it_will_be_trained(here, bayesdeg):
+    code, out, _ = bayesdeg("check", "study")
     assert code == 0
     assert "no faults" in out
     assert "'bayesdeg run' trains" in " ".join(out.split())
@@ -584,12 +556,12 @@ def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here
 
 
 @pytest.mark.slow
-def test_the_whole_way_from_a_geometry_to_an_emulator(tmp_path, command, monkeypatch):
+def test_the_whole_way_from_a_geometry_to_an_emulator(tmp_path, bayesdeg, monkeypatch):
     """Nothing is replaced but meshes and numbers of curves."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(training, "RECIPE", replace(RECIPE, coarse_runs=64, fine_runs=16))
     Path("tiny.toml").write_text(TABLE, encoding="utf-8")
-    code, _, err = command("emulate", "tiny.toml", "--workers", 2, "--out", "tiny.npz")
+    code, _, err = bayesdeg("emulate", "tiny.toml", "--workers", 2, "--out", "tiny.npz")
     assert code == 0, err
     surrogate = read_trained(Path("tiny.npz"))
     assert surrogate.length == 14.0

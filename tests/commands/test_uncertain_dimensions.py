@@ -2,13 +2,12 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bayesdeg import cli, training
+from bayesdeg import training
 from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study, with_dimensions
 from bayesdeg.actuator.inputs import Inputs
@@ -35,21 +34,14 @@ ROOF = '[actuator]\nroof = { law = "normal", mean = 2.0, sd = 0.1 }\n'
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, capsys):
-    """Run a command on a study; gives exit code and what it printed to standard error."""
-    study = tmp_path / "study"
-    study.mkdir()
-    monkeypatch.chdir(tmp_path)
-
-    def call(name, *options):
-        monkeypatch.setattr(sys, "argv", ["bayesdeg", name, "study", *options])
-        return cli.exit_code(), "".join(capsys.readouterr())
+def command(command):
+    """Run a command on a study of stated settings."""
 
     def write(text):
-        study_in(study, {"study.toml": SETTINGS + text, "actuator.csv": ACTUATOR})
+        study_in(command.study, {"study.toml": SETTINGS + text, "actuator.csv": ACTUATOR})
 
-    call.study, call.write = study, write
-    return call
+    command.write = write
+    return command
 
 
 # ---- check

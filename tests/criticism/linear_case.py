@@ -137,3 +137,9 @@ def scaling_cause(name="scale", sd=0.1, on_reading=None):
         revealed_by="a test",
         on_reading=on_reading or scale,
     )
+
+
+def drawn(linear, generator, count=None):
+    """Readings that the linear model itself makes."""
+    size = len(linear.mean) if count is None else (count, len(linear.mean))
+    return linear.mean + generator.standard_normal(size) @ linear.factor.T

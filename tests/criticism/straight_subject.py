@@ -174,12 +174,6 @@ def conditional(law, observed, own):
     return multivariate_normal(centre, left).logpdf(observed[own])
 
 
-def with_law(cause, law):
-    """The same cause with another prior of its first parameter."""
-    first, *rest = cause.parameters
-    return replace(cause, parameters=(replace(first, law=law), *rest))
-
-
 def predict_one_by_one(trial, *, seed, executor=None):
     """Each group predicted from all others."""
     [found] = run_folds([one_by_one(trial, seed)], executor)
@@ -190,3 +184,9 @@ def predict_folds(trial, fold, *, seed, executor=None):
     """Each fold of groups predicted from all others."""
     [found] = run_folds([in_folds(trial, fold, seed)], executor)
     return found
+
+
+def unit(shape):
+    """A shape as large as one standard deviation of the readings after a refit."""
+    linear = exact_linear(readings(0))
+    return shape / np.linalg.norm(linear.whiten_columns(shape))

@@ -24,17 +24,11 @@ EFFORT = SearchEffort(replicates=60, fitted=4, pairs=2)
 BASE = frozenset()
 
 
-def unit(shape):
-    """A shape as large as one standard deviation of the readings after a refit."""
-    linear = straight.exact_linear(straight.readings(0))
-    return shape / np.linalg.norm(linear.whiten_columns(shape))
-
-
 PLANES = {
-    "sharp": unit(SHAPES["lag"]),
-    "blurred": unit(SHAPES["wave"]),
-    "odd": unit(np.cos(9.0 * X + straight.LEVEL)),
-    "more": unit(np.cos(23.0 * X + 3.0 * straight.LEVEL)),
+    "sharp": straight.unit(SHAPES["lag"]),
+    "blurred": straight.unit(SHAPES["wave"]),
+    "odd": straight.unit(np.cos(9.0 * X + straight.LEVEL)),
+    "more": straight.unit(np.cos(23.0 * X + 3.0 * straight.LEVEL)),
 }
 
 

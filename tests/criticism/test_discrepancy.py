@@ -31,7 +31,7 @@ from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL
 from bayesdeg.observations.curvature import ANGLE, CURVATURE, Curvature
 from bayesdeg.observations.readings import places_of
 from tests.criticism import straight_subject as straight
-from tests.criticism.linear_case import known_linear, with_readings
+from tests.criticism.linear_case import drawn, known_linear, with_readings
 from tests.criticism.straight_subject import reading
 from tests.inference.small_study import altered, small_model, values_of
 
@@ -41,12 +41,6 @@ PATHS = [(SHORT, EVERYWHERE), (SHORT, DRIFT), (LONG, EVERYWHERE), (LONG, DRIFT),
 @pytest.fixture(scope="module", params=[False, True], ids=["curvature", "with bend angle"])
 def linear(request):
     return known_linear(with_angle=request.param)
-
-
-def drawn(linear, generator, count=None):
-    """Readings that the linear model itself makes."""
-    size = len(linear.mean) if count is None else (count, len(linear.mean))
-    return linear.mean + generator.standard_normal(size) @ linear.factor.T
 
 
 def statistic_of(linear, readings):

@@ -26,18 +26,12 @@ from bayesdeg.criticism.checks.missing_terms import (
 )
 from bayesdeg.observations.curvature import ANGLE, CURVATURE
 from tests.criticism import straight_subject as straight
-from tests.criticism.linear_case import known_linear, with_readings
+from tests.criticism.linear_case import drawn, known_linear, with_readings
 
 
 @pytest.fixture(scope="module")
 def linear():
     return known_linear(with_angle=True)
-
-
-def drawn(linear, generator, count=None):
-    """Readings that the linear model itself makes."""
-    size = len(linear.mean) if count is None else (count, len(linear.mean))
-    return linear.mean + generator.standard_normal(size) @ linear.factor.T
 
 
 def found(linear, readings, generator, *, replicates=300, **options):

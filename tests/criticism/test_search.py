@@ -344,19 +344,13 @@ def test_sets_have_the_same_evidence_in_whatever_order_causes_are_tried():
 # ---- sets that no path of single additions leads to
 
 
-def unit(shape):
-    """A shape as large as one standard deviation of the readings after a refit."""
-    linear = straight.exact_linear(straight.readings(0))
-    return shape / np.linalg.norm(linear.whiten_columns(shape))
-
-
 def in_units(**shapes):
-    return {name: unit(shape) for name, shape in shapes.items()}
+    return {name: straight.unit(shape) for name, shape in shapes.items()}
 
 
 PARTS = in_units(lag=SHAPES["lag"], wave=SHAPES["wave"])
 SUM = PARTS["lag"] + PARTS["wave"]
-ODD = unit(np.cos(9.0 * X + straight.LEVEL))
+ODD = straight.unit(np.cos(9.0 * X + straight.LEVEL))
 """What tells a cause from the sum of two others."""
 
 
@@ -403,7 +397,7 @@ def test_the_order_of_the_catalogue_does_not_decide():
 
 def cancelling():
     """Two causes that are nearly opposite: each alone hardly shows, both together do."""
-    shape, odd = unit(SHAPES["lag"]), unit(SHAPES["wave"])
+    shape, odd = straight.unit(SHAPES["lag"]), straight.unit(SHAPES["wave"])
     return linear_cause("pulls", 30.0 * (shape + 0.12 * odd)), linear_cause(
         "pushes", 30.0 * (-shape + 0.12 * odd)
     )
@@ -412,7 +406,7 @@ def cancelling():
 def test_two_causes_that_cancel_are_found_where_neither_is_seen_alone():
     causes, found = (*cancelling(), linear_cause("ageing")), []
     for seed in range(6):
-        observed = straight.readings(seed) + 7.0 * unit(SHAPES["wave"])
+        observed = straight.readings(seed) + 7.0 * straight.unit(SHAPES["wave"])
         pair = straight.log_factor(observed, *cancelling())
         alone = [straight.log_factor(observed, one) for one in cancelling()]
         search, chosen = searched(observed, causes, seed=seed)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from bayesdeg.criticism.fit.search import (
     naming_threshold,
     run_search,
 )
+from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.data.study import read_study
 from bayesdeg.pipeline.assemble import Assembly, assemble
 from bayesdeg.pipeline.calibrate import base_without_chain
@@ -89,16 +91,20 @@ class Verdicts:
     plain : Verdict
     idle : dict of str to Verdict
         By the name of that cause.
+    concluded : dict
+        What `concluded` makes of the verdict.
     """
 
     plain: Verdict
     idle: dict[str, Verdict]
+    concluded: dict[str, Any]
 
 
 def verdicts_on(folder: Path, idle: tuple[str, ...] = ()) -> Verdicts:
     """Judge a folder; then anew with each of some causes doing nothing."""
     judgement = judged(assemble(read_study(folder)))
-    return Verdicts(_told(judgement), {name: verdict_with(judgement, name) for name in idle})
+    plain, numbers = _told(judgement), concluded(judgement)
+    return Verdicts(plain, {name: verdict_with(judgement, name) for name in idle}, numbers)
 
 
 def side_by_side(
@@ -120,6 +126,40 @@ def judged(assembly: Assembly, *, seed: int = 1) -> Judgement:
         seed=judging,
         progress=Silent(),
     )
+
+
+def concluded(found: Judgement) -> dict[str, Any]:
+    """Return what is concluded as words, numbers and lists of them by name."""
+    subject = found.search.base.subject
+    gains = gain_table(subject, found.held_out).set_index(["model", "degradation_pct"])
+    return {
+        "outcome": str(found.decision.outcome),
+        "causes": list(found.decision.causes),
+        "threshold": found.threshold,
+        "log_evidence": found.search.base.log_evidence,
+        "misfit": {"statistic": found.misfit.statistic, "p_value": found.misfit.p_value},
+        "misfit_left": {"statistic": found.left.statistic, "p_value": found.left.p_value},
+        "rupture_p_value": None if found.rupture is None else found.rupture.p_value,
+        "candidates": {
+            one.cause: {
+                "log_bayes_factor": one.log_bayes_factor,
+                "explained_fraction": one.explained_fraction,
+                "elpd_diff": one.elpd_diff,
+                "elpd_diff_se": one.elpd_diff_se,
+                "effect": {name: [size.mean, size.sd] for name, size in one.effect.items()},
+            }
+            for one in found.candidates
+            if one.log_bayes_factor is not None
+        },
+        "held_out": {
+            model: dict(zip(subject.groups, one.log_density.tolist(), strict=True))
+            for model, one in found.held_out.items()
+        },
+        "gain": {
+            str(model): {str(name): float(value) for name, value in row.items()}
+            for model, row in gains.xs("all", level="degradation_pct").iterrows()
+        },
+    }
 
 
 def idle(cause: Cause) -> Cause:

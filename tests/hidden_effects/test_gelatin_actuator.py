@@ -1,14 +1,17 @@
 """The effect hidden in the shipped virtual experiment is found from the study's folder alone."""
 
 import json
+import re
 import shutil
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import bayesdeg as bd
 from bayesdeg.data.settings import SamplingOptions
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import TRUTH_NODES
@@ -16,9 +19,6 @@ from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.observations.specimens import control_name
 from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pages.folder import RunFolder
-from bayesdeg.pages.page import build_page
-from bayesdeg.pipeline import run as running
-from bayesdeg.pipeline.judge import judge
 from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.progress import Silent
 from tests.hidden_effects.judging import verdict_with
@@ -26,32 +26,49 @@ from tests.hidden_effects.judging import verdict_with
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"
 
 
-@pytest.fixture(scope="module")
-def judged_run(tmp_path_factory):
-    """A run at quick effort on a copy of the folder without the truth, and its judgement."""
-    folder = tmp_path_factory.mktemp("gelatin") / "study"
-    shutil.copytree(STUDY, folder, ignore=shutil.ignore_patterns("truth.json"))
-    study = read_study(folder)
-    study = replace(study, settings=replace(study.settings, sampling=SamplingOptions("quick")))
-    target = folder / "run"
-    checkpoints = Checkpoints(target / "checkpoints", fingerprint(study))
-    judgements = []
+ROOT = STUDY.parents[1]
 
-    def watched(*args, **options):
-        judgements.append(judge(*args, **options))
-        return judgements[-1]
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(running, "judge", watched)
-        run_study(study, RunFolder(target), checkpoints, progress=Silent())
-    build_page(target)
-    [judgement] = judgements
-    return target, judgement
+def quick_start():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = text.split("## Quick start from Python")[1]
+    return re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
+
+
+def test_the_quick_start_is_short():
+    assert len(quick_start().strip().splitlines()) <= 20
 
 
 @pytest.fixture(scope="module")
-def run(judged_run):
-    return judged_run[0]
+def started(tmp_path_factory):
+    """The first page run on a copy of the study without the truth: its names, what it printed."""
+    place, names = tmp_path_factory.mktemp("gelatin"), {}
+    copy = shutil.ignore_patterns("truth.json")
+    shutil.copytree(STUDY, place / "studies" / STUDY.name, ignore=copy)
+    printed, said = StringIO(), StringIO()
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        patch.chdir(place)
+        warnings.simplefilter("error")
+        # two causes explain the bursts about equally well
+        warnings.filterwarnings("ignore", "the run could not tell causes apart", UserWarning)
+        with redirect_stdout(printed), redirect_stderr(said):
+            exec(compile(quick_start(), "README.md", "exec"), names)
+    return place / "reports" / "gelatin", names, printed.getvalue(), said.getvalue()
+
+
+@pytest.fixture(scope="module")
+def run(started):
+    return started[0]
+
+
+@pytest.mark.slow
+def test_the_quick_start_of_the_first_page_runs(started):
+    _, names, printed, said = started
+    found = names["verdict"]
+    assert (found.outcome, found.causes) == ("named", ("pressure_offset",))
+    assert found.candidates["mean"][0] == pytest.approx(14.2, abs=0.6)
+    assert "named: pressure_offset 14." in printed
+    assert said == ""
 
 
 def assert_named(verdict):
@@ -74,10 +91,15 @@ def test_the_hidden_effect_is_named_and_its_size_found(run):
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_the_verbs_of_the_library_say_the_same(run):
-    told = RunFolder(run).read_json("verdict")
-    base = bd.calibrate(bd.Model(bd.read_study(STUDY)), effort="quick", workers=1)
-    found = bd.criticise(base, workers=1)
+def test_a_run_says_the_same_as_the_verbs(started, tmp_path):
+    found, study = started[1]["verdict"], read_study(STUDY)
+    study = replace(
+        study, settings=replace(study.settings, sampling=SamplingOptions("quick"), seed=1)
+    )
+    checkpoints = Checkpoints(tmp_path / "checkpoints", fingerprint(study))
+    run_study(study, RunFolder(tmp_path / "run"), checkpoints, progress=Silent())
+    told = RunFolder(tmp_path / "run").read_json("verdict")
+    assert_named(told)
     assert (found.outcome, list(found.causes)) == (told["outcome"], told["causes"])
     factors = [entry["log_bayes_factor"] for entry in told["candidates"]]
     assert found.candidates["cause"].tolist() == [entry["cause"] for entry in told["candidates"]]
@@ -86,9 +108,9 @@ def test_the_verbs_of_the_library_say_the_same(run):
 
 
 @pytest.mark.slow
-def test_with_an_offset_that_does_nothing_that_test_fails(judged_run):
+def test_with_an_offset_that_does_nothing_that_test_fails(started):
     """The mutation check, as of the planted studies."""
-    mutated = verdict_with(judged_run[1], "pressure_offset")
+    mutated = verdict_with(started[1]["verdict"].judgement, "pressure_offset")
     with pytest.raises(AssertionError):
         assert_named({"outcome": mutated.outcome, "causes": list(mutated.causes)})
 

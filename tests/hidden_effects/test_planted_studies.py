@@ -17,6 +17,7 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.known_terms import Acts, Form, KnownColumns
 from bayesdeg.criticism.decide.verdict import SharedByLevel
 from tests.hidden_effects.judging import Verdict, side_by_side
+from tests.regression.test_frozen_numbers import JUDGED_ELSEWHERE, assert_concluded
 
 pytestmark = pytest.mark.slow
 
@@ -244,6 +245,10 @@ def test_ruptures_alone_show_flaws(verdicts):
     found = verdicts[FLAWS].result().plain
     assert found.p_value > 0.05
     assert found.rupture_p_value < 0.05
+
+
+def test_what_is_concluded_is_what_is_frozen(verdicts):
+    assert_concluded(verdicts[FLAWS].result().concluded, JUDGED_ELSEWHERE)
 
 
 IDLE = [long_unless_plain(number, name) for number in (*SINGLE, TWO) for name in hidden_in(number)]

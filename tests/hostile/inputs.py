@@ -26,6 +26,7 @@ class Hostile:
     change: dict[str, Any]
     said: tuple[str, ...]
     signed: bool
+    codes: tuple[int, ...]
 
     def __str__(self):
         return "-".join(filter(None, (self.file, self.name, self.command)))
@@ -37,13 +38,23 @@ def hostile_inputs():
     return [
         Hostile(
             *(group["subject"], command, group["file"], name, change),
-            tuple(group.get("said", [group["file"]] if group["file"] else [])),
+            tuple(said),
             group.get("signed", False),
+            codes,
         )
         for group in groups
         for name, change in group.get("cases", {"": {}}).items()
-        for command in group["commands"]
+        for command, said, codes in _commands(group)
     ]
+
+
+def _commands(group):
+    """Commands of a group, words and exit codes of their refusals."""
+    said = group.get("said", [group["file"]] if group["file"] else [])
+    for command in group.get("commands", ()):
+        yield command, said, (2, 3)
+    for command, words in group.get("refused", {}).items():
+        yield command, [words], (2,)
 
 
 def spoil(folder, case, redraw=None):

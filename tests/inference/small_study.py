@@ -223,3 +223,10 @@ def draws_near_truth(model, count, *, spread=0.05, seed=0):
     generator = np.random.default_rng(seed)
     centre = model.table.vectors(values_of())
     return centre + spread * generator.standard_normal((count, centre.shape[1]))
+
+
+def near_medians(model, count, **known):
+    """Vectors about the medians of the priors, or about known values."""
+    medians = {p.name: p.law.quantile(0.5) for p in model.table.parameters} | known
+    centre = model.table.vectors(medians)
+    return centre + 0.02 * np.random.default_rng(5).standard_normal((count, len(centre)))

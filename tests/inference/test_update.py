@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.inference.importance import about_mode, improved
-from bayesdeg.inference.laplace import Evidence, approximate
+from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.update import (
     FEWEST,
     RELIABLE_K,
@@ -20,6 +19,7 @@ from bayesdeg.inference.update import (
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from tests.pipeline.planted_offset import model as planted
+from tests.pipeline.small_run import sample_of
 
 
 @pytest.fixture(scope="module")
@@ -50,15 +50,9 @@ def without_reading(model, place):
     )
 
 
-def sample_of(model, seed, *, enough=3000.0):
-    generator = np.random.default_rng(seed)
-    found = about_mode(model, approximate(model, generator), generator)
-    return improved(model, found, generator, enough=enough, rounds=6)
-
-
 @pytest.fixture(scope="module")
 def reference(whole):
-    return sample_of(whole, 1)
+    return sample_of(whole, 1, enough=3000.0)
 
 
 def moments(sample):
@@ -91,7 +85,7 @@ def test_weights_are_the_ratio_of_both_posteriors(whole, case):
 @pytest.mark.parametrize("case", CASES)
 def test_the_updated_posterior_is_that_of_all_readings(whole, reference, case):
     before = CASES[case](whole, 1)
-    earlier = sample_of(before, 3)
+    earlier = sample_of(before, 3, enough=3000.0)
     generator = np.random.default_rng(4)
     places = drawn_evenly(earlier, generator, 2000)
     name = whole.data_of(Curvature).tests.specimens[1]

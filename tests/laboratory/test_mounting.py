@@ -37,8 +37,8 @@ from bayesdeg.actuator.problem import MechanicalState, Problem, System
 from bayesdeg.actuator.status import PathEffort, Resolution
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
+from tests.actuator.geometries import geometry_of_file
 from tests.actuator.parts import half, tetrahedral, write
-from tests.actuator.test_part import geometry_of_file
 from tests.actuator.test_tetrahedra import cube
 
 TWO = Geometry(Dimensions(length=23.0, chambers=2))

@@ -14,6 +14,7 @@ from bayesdeg.observations.force import TIP_FORCE, TipForce, blocked_force
 from bayesdeg.observations.noise import INDEPENDENT
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.reading import read_study
+from tests.inference.small_study import near_medians
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
 HEADER = "specimen_id,degradation_pct,pressure_kPa,tip_force_N\n"
@@ -105,13 +106,6 @@ def folder(tmp_path):
 @pytest.fixture
 def model(folder):
     return assemble(read_study(folder)).model
-
-
-def near_medians(model, count):
-    """Vectors about the medians of the priors."""
-    medians = {p.name: p.law.quantile(0.5) for p in model.table.parameters}
-    centre = model.table.vectors(medians)
-    return centre + 0.02 * np.random.default_rng(5).standard_normal((count, len(centre)))
 
 
 def of_model(model) -> TipForce:

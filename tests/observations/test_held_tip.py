@@ -13,6 +13,7 @@ from bayesdeg.observations.force import HeldTip, TipForce
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.outline import outline
 from bayesdeg.pipeline.reading import read_study
+from tests.inference.small_study import near_medians
 from tests.observations.test_volume import swelling
 
 RATES, PRESSURES = (0, 10, 20), (20.0, 40.0, 60.0, 80.0)
@@ -60,12 +61,6 @@ def of_model(model) -> HeldTip:
     return found
 
 
-def vectors_of(model, count):
-    medians = {p.name: p.law.quantile(0.5) for p in model.table.parameters}
-    centre = model.table.vectors(medians)
-    return centre + 0.02 * np.random.default_rng(5).standard_normal((count, len(centre)))
-
-
 def test_finite_elements_answer_where_there_are_curvatures_and_a_beam_where_not(folder):
     assert outline(read_study(folder)).asked == ("tip_force",)
     (folder / "actuator.csv").unlink()
@@ -75,7 +70,7 @@ def test_finite_elements_answer_where_there_are_curvatures_and_a_beam_where_not(
 
 
 def test_the_density_is_that_of_a_normal_law_with_the_stated_covariance(model):
-    kind, state = of_model(model), model.state(model.table.named(vectors_of(model, 1)))
+    kind, state = of_model(model), model.state(model.table.named(near_medians(model, 1)))
     mean, found = kind.expected(state)[0], kind.log_likelihood(state)[0]
     for row, covariance in enumerate(kind.covariance(state)):
         rows = kind.places.specimen == kind.labels[row]
@@ -84,7 +79,7 @@ def test_the_density_is_that_of_a_normal_law_with_the_stated_covariance(model):
 
 
 def test_the_slope_is_that_by_the_logarithm_of_stiffness(model):
-    kind, values = of_model(model), model.table.named(vectors_of(model, 1))
+    kind, values = of_model(model), model.table.named(near_medians(model, 1))
     slope = kind.linearised(model.state(values)).slope[0, 0, :, 0]
     ends = []
     for step in (-1e-5, 1e-5):
@@ -97,21 +92,21 @@ def test_the_slope_is_that_by_the_logarithm_of_stiffness(model):
 
 def test_a_leak_lowers_forces_where_a_stiffer_casting_does_not(model):
     """Of loads so small that forces are as pressure: p alone counts, whatever C1 is."""
-    kind, values = of_model(model), model.table.named(vectors_of(model, 1))
+    kind, values = of_model(model), model.table.named(near_medians(model, 1))
     slope = kind.linearised(model.state(values)).slope[0, :, 0, 0]
     force = kind.expected(model.state(values)).reshape(3, -1)[:, 0]
     assert np.all(np.abs(slope) < 0.15 * force)
 
 
 def test_specimens_replicates_and_stored_readings(model):
-    kind, state = of_model(model), model.state(model.table.named(vectors_of(model, 2)))
+    kind, state = of_model(model), model.state(model.table.named(near_medians(model, 2)))
     whole = kind.log_likelihood(state)
     np.testing.assert_allclose(
         kind.subset(np.array([2])).log_likelihood(state), whole[:, [2]], rtol=1e-10
     )
     (kept,) = kind.stored(state, state, np.random.default_rng(0))
     np.testing.assert_allclose(kept.log_likelihood.sum(axis=1), whole.sum(axis=1), rtol=1e-9)
-    one = model.table.named(vectors_of(model, 1))
+    one = model.table.named(near_medians(model, 1))
     again = of_model(replicate(model, one, np.random.default_rng(2)))
     assert again.observed.shape == kind.observed.shape
     assert not np.array_equal(again.observed, kind.observed)

@@ -21,6 +21,7 @@ from bayesdeg.observations.volume import VOLUME, CavityVolume
 from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.pipeline.outline import outline, unlinked
 from bayesdeg.pipeline.reading import read_study
+from tests.inference.small_study import near_medians
 
 FILMS = 0  # columns of deviations of films, which have none here
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
@@ -91,13 +92,6 @@ def model(folder):
     return assemble(read_study(folder), swelling).model
 
 
-def near_medians(model, count):
-    medians = {p.name: p.law.quantile(0.5) for p in model.table.parameters}
-    medians["reading_correlation"] = 0.3
-    centre = model.table.vectors(medians)
-    return centre + 0.02 * np.random.default_rng(5).standard_normal((count, len(centre)))
-
-
 def kinds(model):
     (volume,), (curvature,) = model.of_kind(CavityVolume), model.of_kind(Curvature)
     return volume, curvature
@@ -119,7 +113,7 @@ def test_volumes_are_read_where_there_are_some(folder, model):
 def test_both_densities_are_that_of_all_readings_of_a_specimen(model):
     """Against one normal law whose covariance is built from the slopes by hand."""
     volume, curvature = kinds(model)
-    vector = near_medians(model, 1)
+    vector = near_medians(model, 1, reading_correlation=0.3)
     state = model.state(model.table.named(vector))
     total = curvature.log_likelihood(state)[0] + volume.log_likelihood(state)[0]
     mean, scatter = model.expected(vector)[0], model.scatter(vector[0])
@@ -135,7 +129,7 @@ def test_both_densities_are_that_of_all_readings_of_a_specimen(model):
 
 
 def test_scatter_has_the_deviations_that_volumes_and_curvatures_share(model):
-    vector = near_medians(model, 1)[0]
+    vector = near_medians(model, 1, reading_correlation=0.3)[0]
     scatter, own = model.scatter(vector), model.deviations(vector)
     assert own.slope.shape == (len(model.places), 6 + FILMS)
     is_volume = model.places.kind == VOLUME
@@ -148,7 +142,7 @@ def test_scatter_has_the_deviations_that_volumes_and_curvatures_share(model):
 
 
 def test_simulated_readings_have_mean_and_covariance_of_the_law(model):
-    one = model.table.named(near_medians(model, 1))
+    one = model.table.named(near_medians(model, 1, reading_correlation=0.3))
     state_of = {name: np.repeat(value, 20_000) for name, value in one.items()}
     drawn = model.simulated(model.table.vectors(state_of), np.random.default_rng(1))
     vector = model.table.vectors({name: value[0] for name, value in one.items()})
@@ -161,7 +155,7 @@ def test_simulated_readings_have_mean_and_covariance_of_the_law(model):
 
 def test_specimens_are_held_out_with_their_volumes(model):
     assert model.groups == ("t0a", "t0b", "t10a", "t10b", "t20a", "t20b")
-    left, vectors = model.without(np.array([0])), near_medians(model, 2)
+    left, vectors = model.without(np.array([0])), near_medians(model, 2, reading_correlation=0.3)
     assert len(left.places) == len(model.places) - 3 * len(PRESSURES)
     volume, curvature = kinds(left)
     assert volume.curves is curvature.tests
@@ -172,7 +166,7 @@ def test_specimens_are_held_out_with_their_volumes(model):
 
 def test_factors_and_stored_densities_agree_with_the_whole(model):
     volume, _ = kinds(model)
-    state = model.state(model.table.named(near_medians(model, 3)))
+    state = model.state(model.table.named(near_medians(model, 3, reading_correlation=0.3)))
     whole = volume.log_likelihood(state)
     ((z, log_sd),) = volume.factors(state).normal
     total = np.sum(-0.5 * z**2 - log_sd - 0.5 * np.log(2.0 * np.pi), axis=1)
@@ -184,7 +178,7 @@ def test_factors_and_stored_densities_agree_with_the_whole(model):
 
 def test_replicates_end_where_an_actuator_bursts(model):
     assert model.of_kind(Rupture)
-    one = model.table.named(near_medians(model, 1))
+    one = model.table.named(near_medians(model, 1, reading_correlation=0.3))
     weak = one | {n: 0.02 * v for n, v in one.items() if n.startswith("elongation_at")}
     again = replicate(model, weak, np.random.default_rng(2))
     volume, curvature = kinds(again)
@@ -223,7 +217,9 @@ def test_a_map_without_volumes_says_so(folder):
 
     model = assemble(read_study(folder), bare).model
     with pytest.raises(BayesdegError, match="cavity volumes"):
-        kinds(model)[0].log_likelihood(model.state(model.table.named(near_medians(model, 1))))
+        kinds(model)[0].log_likelihood(
+            model.state(model.table.named(near_medians(model, 1, reading_correlation=0.3)))
+        )
 
 
 def doubted(folder, change):

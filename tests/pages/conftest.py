@@ -7,6 +7,7 @@ import pytest
 
 from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.page import build_page
+from tests.pages.drawn_once import remember
 from tests.pages.synthetic_run import write_bare, write_full
 
 type Built = tuple[RunFolder, str]
@@ -28,3 +29,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Built]:
         return known[outcome, virtual]
 
     return build
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawn_once():
+    """Figures of pages are drawn once where they show the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        remember(patch)
+        yield

@@ -12,9 +12,7 @@ from bayesdeg.actuator.mesh import Resolution, build_mesh
 from bayesdeg.actuator.segment import SegmentGeometry
 from bayesdeg.data.families import Constraint
 from bayesdeg.data.settings import Dimensions
-from tests.actuator.test_cylindrical import SMALL as CHANNELS
-from tests.actuator.test_ribbed import SMALL
-from tests.actuator.test_round import ROUND
+from tests.actuator.geometries import CHANNELS, RIBBED, ROUND
 from tests.peers.peer_path import FRESH, LOADS, curvatures, own_path
 
 felupe_actuator = pytest.importorskip("tests.peers.felupe_actuator", reason="needs felupe")
@@ -56,7 +54,7 @@ def test_all_curvatures_agree_to_five_decimals(geometry, element):
 @pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
 def test_a_ribbed_segment_with_a_film_inside(element):
     """The film lies between bricks, the slits of the other half are not pressed."""
-    ours, theirs = both(SegmentGeometry(SMALL), element, loads=LOADS[:6])
+    ours, theirs = both(SegmentGeometry(RIBBED), element, loads=LOADS[:6])
     assert ours[-1] > 1.0
     np.testing.assert_allclose(ours, theirs, rtol=1e-6)
 
@@ -79,7 +77,7 @@ def test_a_round_section_with_channels(element):
 @pytest.mark.parametrize("element", [LINEAR_CONSTANT, QUADRATIC], ids=lambda e: e.name)
 def test_a_layer_of_another_elastomer(element):
     slab = Constraint("elastomer", thickness=0.8, c1=1.0)
-    geometry = SegmentGeometry(SMALL, constraint=slab)
+    geometry = SegmentGeometry(RIBBED, constraint=slab)
     stiff = replace(FRESH, bulk_ratio=1e5)
     ours, theirs = both(geometry, element, stiff, LOADS[:6], LayerGroups(8.0, -0.1, 0.02))
     assert ours[-1] > 0.2
@@ -87,7 +85,7 @@ def test_a_layer_of_another_elastomer(element):
 
 
 def test_a_film_inside_one_half_counts():
-    one_half = replace(SMALL, passive="none", height=4.0)
+    one_half = replace(RIBBED, passive="none", height=4.0)
     found = []
     for constraint in (Constraint("film", 0.8), Constraint("none", 0.8)):
         geometry = SegmentGeometry(one_half, constraint=constraint)

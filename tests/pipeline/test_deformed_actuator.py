@@ -15,8 +15,8 @@ from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.surface import SURFACE, read_surface
 from bayesdeg.pipeline.calibrate import Fit
 from bayesdeg.pipeline.deformed import STEPS, fitted_cases, write_deformed
+from tests.actuator.geometries import geometry_of_file
 from tests.actuator.parts import half, tetrahedral, whole, write
-from tests.actuator.test_part import geometry_of_file
 from tests.inference.small_study import TRUTH, altered, draws_near_truth, small_model
 
 pytestmark = pytest.mark.fem

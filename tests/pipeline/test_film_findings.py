@@ -24,6 +24,7 @@ from bayesdeg.pipeline.films import (
 from bayesdeg.progress import Silent
 from tests.pages.html_reading import read_html
 from tests.pages.synthetic_run import write_full
+from tests.pipeline.planted_offset import MOISTURE
 from tests.pipeline.study_files import SETTINGS, study_in
 
 TRUTH = {
@@ -122,14 +123,6 @@ def test_parameters_of_the_course_stand_in_the_table_with_units():
     assert units["degradation_time_constant"] == "h"
     assert units["fresh_moisture"] == "%"
     assert table.loc["degradation_limit", "q50"] == pytest.approx(32.0, rel=0.01)
-
-
-MOISTURE = "film_id,time_h,mass_equilibrated_g,mass_dry_g\n" + "".join(
-    f"m{i},{time},2.5,{2.5 * (1.0 - 0.2 * (1.0 - 0.3 * (1.0 - np.exp(-time / 10.0))) - e)}\n"
-    for i, (time, e) in enumerate(
-        (time, 0.004 * e) for time in (0, 6, 12, 24) for e in (-1, 0, 0.5, 1)
-    )
-)
 
 
 # four readings of stress would leave their noise to the prior, down to nothing

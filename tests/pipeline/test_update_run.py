@@ -58,14 +58,26 @@ def run(tmp_path_factory):
     return study, path, file
 
 
+def copied(run, folder):
+    """Copies of study and run, beside the rows of a new specimen."""
+    study, path, file = run
+    shutil.copytree(study, folder / "study")
+    shutil.copytree(path, folder / "reports" / "planted")
+    (folder / "new.csv").write_text(new_specimen(), encoding="utf-8")
+    return folder, folder / "reports" / "planted", file
+
+
 @pytest.fixture
 def places(run, tmp_path):
     """Copies of study and run that may be changed."""
-    study, path, file = run
-    shutil.copytree(study, tmp_path / "study")
-    shutil.copytree(path, tmp_path / "reports" / "planted")
-    (tmp_path / "new.csv").write_text(new_specimen(), encoding="utf-8")
-    return tmp_path, tmp_path / "reports" / "planted", file
+    return copied(run, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def updated(run, tmp_path_factory):
+    """A copy of the run, and the run updated with the new specimen, which stay as they are."""
+    folder, report, file = copied(run, tmp_path_factory.mktemp("updated"))
+    return report, bd.update(report, folder / "new.csv", emulator=file, progress=False)
 
 
 def test_the_updated_run_is_that_of_all_readings(places, bayesdeg):
@@ -111,9 +123,8 @@ def assert_as_with_all_readings(rows, study, *causes):
         assert abs(rows.loc[name, "sd"] / sd - 1.0) < 0.05 + error, name
 
 
-def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged_again(places):
-    folder, report, file = places
-    found = bd.update(report, folder / "new.csv", emulator=file, progress=False)
+def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged_again(updated):
+    report, found = updated
     new = RunFolder(found.folder)
     record = new.read_run()
     assert record.update.run == str(report.resolve())
@@ -141,11 +152,10 @@ def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged
     assert str(found.folder) in found._repr_html_()
 
 
-def test_the_same_seed_gives_the_same_update(places):
+def test_the_same_seed_gives_the_same_update(places, updated):
     folder, report, file = places
     new = pd.read_csv(folder / "new.csv")
-    kept = {"emulator": file, "progress": False}
-    one = bd.update(report, folder / "new.csv", out=folder / "one", **kept)
+    kept, one = {"emulator": file, "progress": False}, updated[1]
     two = bd.update(report, new, out=folder / "two", **kept)
     other = bd.update(report, new, out=folder / "three", seed=8, **kept)
     pd.testing.assert_frame_equal(one.summary(), two.summary())
@@ -154,7 +164,7 @@ def test_the_same_seed_gives_the_same_update(places):
     pd.testing.assert_frame_equal(*tables)
 
 
-def test_an_updated_run_is_updated_further_and_predicts(places, bayesdeg):
+def test_an_updated_run_is_updated_further_and_predicts(places, updated, bayesdeg):
     folder, report, file = places
     lines = new_specimen().splitlines()
     (folder / "first.csv").write_text("\n".join(lines[:4]) + "\n", encoding="utf-8")
@@ -167,7 +177,7 @@ def test_an_updated_run_is_updated_further_and_predicts(places, bayesdeg):
     assert twice.written.entry.times == 2
     added = (twice.folder / "added.csv").read_text().splitlines()
     assert added == lines
-    whole = bd.update(report, folder / "new.csv", emulator=file, out=folder / "w", progress=False)
+    whole = updated[1]
     shift = (twice.summary()["mean"] - whole.summary()["mean"]) / whole.summary()["sd"]
     assert np.max(np.abs(shift)) < 0.15
     at = ("--pressure", "60", "--degradation", "0", "--emulator", file)
@@ -273,12 +283,12 @@ def test_draws_of_another_density_are_refused(places, bayesdeg):
     assert "differs from" in said
 
 
-def test_added_rows_that_were_changed_are_refused(places, bayesdeg):
-    folder, report, file = places
-    once = bd.update(report, folder / "new.csv", emulator=file, progress=False)
-    path = once.folder / "added.csv"
+def test_added_rows_that_were_changed_are_refused(places, updated, bayesdeg):
+    folder, _, file = places
+    once = shutil.copytree(updated[1].folder, folder / "once")
+    path = once / "added.csv"
     path.write_text(path.read_text() + "\n", encoding="utf-8")
-    code, _, said = bayesdeg("update", once.folder, folder / "new.csv", "--emulator", file)
+    code, _, said = bayesdeg("update", once, folder / "new.csv", "--emulator", file)
     assert (code, len(lines_of(said))) == (INPUT_FAULT, 1)
     assert "added.csv" in said
 

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
-from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
 from bayesdeg.inference.laplace import approximate
@@ -38,7 +37,7 @@ from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.pipeline.summary import summary
 from bayesdeg.priors import ParameterTable
 from bayesdeg.surrogate.trained import default_surrogate
-from tests.hidden_effects.judging import judged
+from tests.hidden_effects.judging import concluded, judged
 
 Floats = NDArray[np.float64]
 Label = tuple[str, str, str, str]
@@ -526,37 +525,7 @@ def load(name: str) -> Adapter:
 
 
 def _verdict_of_folder(path: Path) -> dict[str, Any]:
-    found = judged(_folder(path), seed=SIMULATED)
-    subject = found.search.base.subject
-    gains = gain_table(subject, found.held_out).set_index(["model", "degradation_pct"])
-    return {
-        "outcome": str(found.decision.outcome),
-        "causes": list(found.decision.causes),
-        "threshold": found.threshold,
-        "log_evidence": found.search.base.log_evidence,
-        "misfit": {"statistic": found.misfit.statistic, "p_value": found.misfit.p_value},
-        "misfit_left": {"statistic": found.left.statistic, "p_value": found.left.p_value},
-        "rupture_p_value": None if found.rupture is None else found.rupture.p_value,
-        "candidates": {
-            one.cause: {
-                "log_bayes_factor": one.log_bayes_factor,
-                "explained_fraction": one.explained_fraction,
-                "elpd_diff": one.elpd_diff,
-                "elpd_diff_se": one.elpd_diff_se,
-                "effect": {name: [size.mean, size.sd] for name, size in one.effect.items()},
-            }
-            for one in found.candidates
-            if one.log_bayes_factor is not None
-        },
-        "held_out": {
-            model: dict(zip(subject.groups, one.log_density.tolist(), strict=True))
-            for model, one in found.held_out.items()
-        },
-        "gain": {
-            str(model): {str(name): float(value) for name, value in row.items()}
-            for model, row in gains.xs("all", level="degradation_pct").iterrows()
-        },
-    }
+    return concluded(judged(_folder(path), seed=SIMULATED))
 
 
 def _verdict_of_script(model: Script) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What tests of commands on run folders share."""
+"""What tests of all packages share: commands, run in this process."""
 
 import pytest
 
