@@ -174,7 +174,7 @@ def test_an_updated_run_is_updated_further_and_predicts(places, updated, bayesde
     twice = bd.update(once.folder, folder / "rest.csv", emulator=file, progress=False)
     assert twice.folder.name == "planted_updated_2"
     assert contents(once.folder) == before
-    assert twice.written.entry.times == 2
+    assert twice.entry.times == 2
     added = (twice.folder / "added.csv").read_text().splitlines()
     assert added == lines
     whole = updated[1]
@@ -196,7 +196,7 @@ def test_a_further_reading_of_an_earlier_specimen(places):
         f"{HEAD}\n{name},{rate},0.0,{top},{curvature}\n", encoding="utf-8"
     )
     found = bd.update(report, folder / "more.csv", emulator=file, progress=False)
-    assert found.written.entry.readings == 1
+    assert found.entry.readings == 1
     assert np.max(np.abs(found.summary()["shift_sd"])) < 1.5
     observed = RunFolder(found.folder).read_table("observations").query("model == 'base'")
     assert observed.loc[observed["specimen_id"] == name, "pressure_kPa"].iloc[-1] == top
@@ -415,7 +415,7 @@ def test_a_run_without_causes_has_one_posterior(tmp_path):
     RunFolder(path).write(replace_outcome(record))
     (tmp_path / "new.csv").write_text(new_specimen(), encoding="utf-8")
     found = bd.update(path, tmp_path / "new.csv", emulator=file, progress=False)
-    entries = found.written.entry.posteriors
+    entries = found.entry.posteriors
     assert entries["base"] == entries["final"]
     assert not any("." in name for name in found.summary().index)
 

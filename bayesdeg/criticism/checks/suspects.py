@@ -938,9 +938,14 @@ def _strict(
         size = np.where(pool.part == GROUPS, size / SINGLE_FIRST, size)
         return np.where(chance < DOUBTFUL, size, 0.0)
 
-    found = _confirmed(pool, now, _pursued(subject, pool, now, excess))
-    # whether the rest of a batch with an odd specimen is odd too is decided once the rest takes
-    # part in the calibration
+    return _not_drawn_along(_confirmed(pool, now, _pursued(subject, pool, now, excess)))
+
+
+def _not_drawn_along(found: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
+    """Return suspects without batches in which a single specimen is odd.
+
+    Whether the rest of the batch is also odd is decided once it takes part in the calibration.
+    """
     ways = [one.hypothesis for one in found]
     alone = {way.specimens[0] for way in ways if way.is_of_specimen and len(way.specimens) == 1}
     return tuple(

@@ -343,14 +343,19 @@ class Search:
 
 
 def _simulated(trial: CandidateFit, generator: np.random.Generator, count: int) -> Floats:
-    """Return data sets simulated from a fitted model, (count, n_readings).
+    """Return data sets simulated from a fitted model, (count, n_readings)."""
+    draws = _as_refitted(trial.linear, trial.draws(generator, count))
+    return trial.linear.straightened(draws, trial.subject.simulated(draws, generator))
 
-    Parameters that do not move the mean are fixed at the mode: errors of data simulated at a draw
-    would be re-estimated from them, and the statistics use estimated errors.
+
+def _as_refitted(linear: Linear, draws: Floats) -> Floats:
+    """Return draws with parameters that do not move the mean fixed at the mode, (k, n_parameters).
+
+    The errors of data simulated at a draw would be re-estimated from them, and the statistics use
+    estimated errors.
     """
-    linear, draws = trial.linear, trial.draws(generator, count)
-    draws = np.where(is_seen(linear.whiten_columns(linear.jacobian)), draws, linear.mode)
-    return linear.straightened(draws, trial.subject.simulated(draws, generator))
+    moves = is_seen(linear.whiten_columns(linear.jacobian))
+    return np.where(moves, draws, linear.mode)
 
 
 def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:

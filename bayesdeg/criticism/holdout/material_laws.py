@@ -236,26 +236,28 @@ def _normal_equations(
     return matrix + np.eye(matrix.shape[-1]), vector
 
 
+def _log_evidence(films: LevelFilms, point: LawPoint, noise: NoiseLevels, weights: Floats) -> float:
+    """Return the log density of weighted films, with the law linear about a point."""
+    found = _products(films, point, noise)
+    u = point.u[films.member]
+    turned = np.einsum("fij,fj->fi", found.matrix, u)
+    square = found.square + np.sum(u * (2.0 * found.vector + turned), axis=-1)
+    precision, vector = _normal_equations(films, point, found, weights)
+    mean = np.linalg.solve(precision, vector[..., None])[..., 0]
+    explained = np.sum(vector * mean)
+    left = np.sum(weights * (found.log_det + square)) - explained
+    return -0.5 * float(left + np.sum(np.linalg.slogdet(precision)[1]))
+
+
 def _noise_of(films: LevelFilms, z: Floats) -> NoiseLevels:
     laws = (films.priors[name] for name in NOISE)
     return NoiseLevels(*(float(law.from_unconstrained(x)) for law, x in zip(laws, z, strict=True)))
 
 
 def _log_density(films: LevelFilms, point: LawPoint, z: Floats, weights: Floats) -> float:
-    """Return the log density of weighted films and of the noise, unconstrained, a priori.
-
-    With the law linear about a point.
-    """
+    """Return the log density of weighted films and of the noise, unconstrained, a priori."""
     noise = _noise_of(films, z)
-    products = _products(films, point, noise)
-    u = point.u[films.member]
-    turned = np.einsum("fij,fj->fi", products.matrix, u)
-    square = products.square + np.sum(u * (2.0 * products.vector + turned), axis=-1)
-    precision, vector = _normal_equations(films, point, products, weights)
-    mean = np.linalg.solve(precision, vector[..., None])[..., 0]
-    explained = np.sum(vector * mean)
-    left = np.sum(weights * (products.log_det + square)) - explained
-    found = -0.5 * float(left + np.sum(np.linalg.slogdet(precision)[1]))
+    found = _log_evidence(films, point, noise, weights)
     for name, x, value in zip(NOISE, z, noise, strict=True):
         law = films.priors[name]
         found += float(law.log_density(value) + law.log_jacobian(x))
@@ -368,6 +370,16 @@ def _from_all_starts(form: LawForm, films: LevelFilms) -> Calibrated:
     return found[int(np.argmax(densities))]
 
 
+def _predict(films: LevelFilms, fit: Calibrated, film: int) -> float:
+    """Return the log density of a held-out film."""
+    one = Products(*(part[film] for part in _products(films, fit.point, fit.noise)))
+    before = fit.precision[films.member[film]]
+    after = before + one.matrix
+    explained = one.vector @ np.linalg.solve(after, one.vector)
+    spread = np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]
+    return -0.5 * float(one.log_det + one.square - explained + spread)
+
+
 @dataclass(frozen=True)
 class FittedLaw:
     """A law fitted to the films of each level, and its predictions of held-out films.
@@ -409,13 +421,8 @@ def fit_law(form: LawForm, films: LevelFilms) -> FittedLaw:
         weights = np.ones(len(films.member))
         weights[film] = 0.0
         fold = _calibrate(form, films, weights, whole.end)
+        elpd[film] = _predict(films, fold, int(film))
         error[film] = _errors(films, fold.point)[film]
-        one = Products(*(part[film] for part in _products(films, fold.point, fold.noise)))
-        before = fold.precision[films.member[film]]
-        after = before + one.matrix
-        explained = one.vector @ np.linalg.solve(after, one.vector)
-        spread = np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]
-        elpd[film] = -0.5 * float(one.log_det + one.square - explained + spread)
     pairs = zip(whole.point.u, films.scale.tolist(), films.largest.tolist(), strict=True)
     constants = tuple(form.constants(*one) for one in pairs)
     return FittedLaw(
