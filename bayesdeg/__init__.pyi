@@ -9,6 +9,7 @@ from .api import lifetime as lifetime
 from .api import predict as predict
 from .api import report as report
 from .api import update as update
+from .assembly.reading import read_study as read_study
 from .causes.cause import Cause as Cause
 from .causes.cause import Stage as Stage
 from .data.settings import Dimensions as Dimensions
@@ -17,7 +18,6 @@ from .errors import BayesdegError as BayesdegError
 from .errors import GeometryError as GeometryError
 from .errors import StudyError as StudyError
 from .inference.own_map import Readings as Readings
-from .pipeline.reading import read_study as read_study
 from .prediction.conditions import ServiceConditions as ServiceConditions
 from .priors import HalfNormal as HalfNormal
 from .priors import LogNormal as LogNormal

@@ -22,6 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from bayesdeg.actuator.families import geometry_of, geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Backend
+from bayesdeg.analysis.calibrate import base_of
+from bayesdeg.analysis.calibrate import calibrate as calibrate_model
+from bayesdeg.analysis.judge import extended_model
 from bayesdeg.causes.cause import Cause
 from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
@@ -33,13 +36,6 @@ from bayesdeg.errors import BayesdegError, Stopped, use_one_of
 from bayesdeg.inference.sampling import EFFORTS as SAMPLING_EFFORTS
 from bayesdeg.pages.checkpoints import NoCheckpoints
 from bayesdeg.pages.headline import forward_map_words
-from bayesdeg.pipeline.calibrate import base_of
-from bayesdeg.pipeline.calibrate import calibrate as calibrate_model
-from bayesdeg.pipeline.judge import extended_model
-from bayesdeg.pipeline.record import Results, forward_map_of
-from bayesdeg.pipeline.run import Streams, verdict_on
-from bayesdeg.pipeline.update import Update, read_new
-from bayesdeg.pipeline.update import update as update_run
 from bayesdeg.prediction import forecast, own
 from bayesdeg.prediction import lifetime as lives
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
@@ -47,6 +43,10 @@ from bayesdeg.prediction.soil import Level, known_levels
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import EFFORTS, Effort
 from bayesdeg.results import Calibration, Model, Report, Verdict, write_run
+from bayesdeg.run.record import Results, forward_map_of
+from bayesdeg.run.stages import Streams, verdict_on
+from bayesdeg.run.update import Update, read_new
+from bayesdeg.run.update import update as update_run
 from bayesdeg.surrogate.campaign import Campaign, expect, train_emulator
 from bayesdeg.surrogate.kept import CACHE, duration, refuse_whole_range, rough_seconds
 from bayesdeg.surrogate.solutions import SolutionStore

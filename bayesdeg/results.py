@@ -15,6 +15,11 @@ import pandas as pd
 import xarray as xr
 
 from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.analysis.calibrate import Fit
+from bayesdeg.analysis.experiment import Experiment, experiment_in, experiment_of
+from bayesdeg.analysis.films import course_of
+from bayesdeg.analysis.judge import Judgement
+from bayesdeg.assembly.assemble import Assembly, assemble_own
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.findings import Candidate
 from bayesdeg.data.settings import Settings
@@ -26,17 +31,18 @@ from bayesdeg.inference.sampling import EFFORTS, Chain
 from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pages.headline import size_of
 from bayesdeg.pages.left_out import Guard
+from bayesdeg.pages.output import run_folder
 from bayesdeg.pages.record import ModelEntry, VerdictRecord
 from bayesdeg.pages.wording import SPACE, worded
-from bayesdeg.pipeline import writing
-from bayesdeg.pipeline.assemble import Assembly, assemble_own
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.experiment import Experiment, experiment_in, experiment_of
-from bayesdeg.pipeline.films import course_of
-from bayesdeg.pipeline.judge import Judgement
-from bayesdeg.pipeline.output import run_folder
-from bayesdeg.pipeline.record import Results
-from bayesdeg.pipeline.run import (
+from bayesdeg.prediction.posterior import Posterior
+from bayesdeg.prediction.soil import Soil
+from bayesdeg.prediction.stored import NO_COURSE
+from bayesdeg.priors import Parameter
+from bayesdeg.progress import Progress
+from bayesdeg.quantities import Effort
+from bayesdeg.run import writing
+from bayesdeg.run.record import Results
+from bayesdeg.run.stages import (
     Clock,
     Streams,
     add_page,
@@ -45,12 +51,6 @@ from bayesdeg.pipeline.run import (
     with_average,
     with_options,
 )
-from bayesdeg.pipeline.stored import NO_COURSE
-from bayesdeg.prediction.posterior import Posterior
-from bayesdeg.prediction.soil import Soil
-from bayesdeg.priors import Parameter
-from bayesdeg.progress import Progress
-from bayesdeg.quantities import Effort
 
 SHOWN = 5  # candidates in a printed verdict
 _CANDIDATE = [

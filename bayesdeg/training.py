@@ -15,16 +15,7 @@ from rich.table import Table
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Backend, Status
-from bayesdeg.console import errors, shown
-from bayesdeg.criticism.fit.trials import CandidateFit
-from bayesdeg.data.families import MeshDimensions
-from bayesdeg.data.part import read_part
-from bayesdeg.data.settings import Dimensions, Settings
-from bayesdeg.data.study import Study
-from bayesdeg.errors import BayesdegError, Stopped
-from bayesdeg.pages.wording import fixed, percent, words
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.region import (
+from bayesdeg.analysis.region import (
     LAST_ROUNDS,
     REFINING_ROUNDS,
     TARGET_SHIFT,
@@ -35,8 +26,17 @@ from bayesdeg.pipeline.region import (
     refined_by,
     refining_campaign,
 )
-from bayesdeg.pipeline.run_record import emulator_facts
+from bayesdeg.assembly.outline import outline
+from bayesdeg.console import errors, shown
+from bayesdeg.criticism.fit.trials import CandidateFit
+from bayesdeg.data.families import MeshDimensions
+from bayesdeg.data.part import read_part
+from bayesdeg.data.settings import Dimensions, Settings
+from bayesdeg.data.study import Study
+from bayesdeg.errors import BayesdegError, Stopped
+from bayesdeg.pages.wording import fixed, percent, words
 from bayesdeg.progress import Progress
+from bayesdeg.run.run_record import emulator_facts
 from bayesdeg.surrogate.campaign import (
     Campaign,
     Expectation,

@@ -24,7 +24,7 @@ from bayesdeg.console import errors
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import parse_json, reason
-from bayesdeg.pipeline.output import claimed
+from bayesdeg.pages.output import claimed
 from bayesdeg_camera.folder import picture_of, read_traces, write_overlay, write_traces
 from bayesdeg_camera.tracing.picture import resized
 from bayesdeg_camera.tracing.record import corrected

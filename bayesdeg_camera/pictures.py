@@ -17,6 +17,7 @@ from PIL import Image
 from bayesdeg.actuator.inputs import paper_group_of
 from bayesdeg.actuator.line import MILLIMETRES_PER_METRE
 from bayesdeg.actuator.reading import line_of_reading
+from bayesdeg.analysis.calibrate import Fit
 from bayesdeg.data.photographs import FOLDER, TracedPhotograph
 from bayesdeg.data.settings import Operator
 from bayesdeg.data.study import Study
@@ -25,8 +26,7 @@ from bayesdeg.files import read_bytes
 from bayesdeg.material.degradation import levels
 from bayesdeg.pages.folder import PICTURES, RunFolder
 from bayesdeg.pages.tables import PHOTO_LINES, TABLES
-from bayesdeg.pipeline.calibrate import Fit
-from bayesdeg.pipeline.deformed import fitted_inputs
+from bayesdeg.run.deformed import fitted_inputs
 from bayesdeg_camera.tracing.picture import read_picture
 from bayesdeg_camera.tracing.plane import mapped
 from bayesdeg_camera.tracing.record import hash_of

@@ -57,15 +57,15 @@ from forward_case import say
 from numpy.typing import NDArray
 
 import bayesdeg
+from bayesdeg.analysis.calibrate import Fit, calibrate
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.model import JointModel, replicate
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pages.checkpoints import Checkpoints
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import Fit, calibrate
-from bayesdeg.pipeline.run import fingerprint
 from bayesdeg.progress import Silent
+from bayesdeg.run.stages import fingerprint
 
 Floats = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ DRAWS = 99  # ranks from 0 to 99
 DENSITY = "log density"
 LAWS = (
     *("priors.py", "material", "causes", "surrogate", "observations", "inference"),
-    "pipeline/calibrate.py",
+    "analysis/calibrate.py",
 )
 
 

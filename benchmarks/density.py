@@ -30,10 +30,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.inference.model import JointModel, near_films
-from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]
 

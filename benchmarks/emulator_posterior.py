@@ -35,6 +35,8 @@ from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap, Inputs
 from bayesdeg.actuator.status import CONVERGED, Resolution
+from bayesdeg.analysis.region import asked_of
+from bayesdeg.assembly.reach import assemble_within_reach
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.linear import with_neutral
 from bayesdeg.data.study import Study, read_study
@@ -42,8 +44,6 @@ from bayesdeg.inference.importance import improved
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.pipeline.reach import assemble_within_reach
-from bayesdeg.pipeline.region import asked_of
 from bayesdeg.priors import Named
 from bayesdeg.surrogate.refinement import refine
 from bayesdeg.surrogate.scaling import LOAD, groups_of

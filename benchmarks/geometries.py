@@ -38,13 +38,13 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.curve import CurveSolution, ExactMap
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.status import Resolution
+from bayesdeg.analysis.region import asked_of, posteriors_of
 from bayesdeg.console import errors
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.pipeline.region import asked_of, posteriors_of
 from bayesdeg.surrogate.campaign import complete, local_terms
 from bayesdeg.surrogate.local import InputDraws, curves_of, span_of
 from bayesdeg.surrogate.regression import reach

@@ -49,6 +49,8 @@ from unknown_effects import FORMS, _cause
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.mesh import COARSE
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import read_study
@@ -56,8 +58,6 @@ from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.hidden import HiddenTruth, Origin, lines_of
 from bayesdeg.laboratory.truth import HiddenEffect
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance, study_files
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
 
 KINDS = {"single": 0.55, "pair": 0.15, "none": 0.15, "outside": 0.15}
 #: Cannot show in these studies, which state no operator of reading and in which nothing bursts.

@@ -36,6 +36,9 @@ from physical_effects import SINGLE_DRAW, PhysicalStudy, drawn_by_physics, made_
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.assembly.reach import assemble_within_reach
 from bayesdeg.criticism.fit.linear import (
     Linear,
     effects,
@@ -48,9 +51,6 @@ from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pages.wording import worded
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
-from bayesdeg.pipeline.reach import assemble_within_reach
 from bayesdeg.progress import Silent
 from bayesdeg.surrogate.surrogate import Surrogate
 

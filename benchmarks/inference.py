@@ -48,6 +48,8 @@ from forward_case import machine, say
 from inference_sampling import Sampled
 from numpy.typing import NDArray
 
+from bayesdeg.analysis.calibrate import calibrate
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate
@@ -55,8 +57,6 @@ from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pages.wording import worded
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import calibrate
 from bayesdeg.progress import Silent
 
 Document = dict[str, object]

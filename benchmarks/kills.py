@@ -42,13 +42,13 @@ VOLATILE_HTML = re.compile(
     r"|<dt>memory, [^<]*</dt><dd>[^<]*</dd>",
     re.DOTALL,
 )
-#: An actuator of one chamber, as in `tests.pipeline.tiny_campaign`.
+#: An actuator of one chamber, as in `tests.run.tiny_campaign`.
 TABLE = "[actuator]\nlength = 14.0\nchambers = 1\n"
 PATIENCE = 20.0  # s until workers whose command was killed must be gone
 TINY = """
 import sys
 from dataclasses import replace
-from tests.pipeline.tiny_campaign import RECIPE, build
+from tests.run.tiny_campaign import RECIPE, build
 from bayesdeg import cli
 from bayesdeg import training
 from bayesdeg.surrogate import campaign

@@ -34,17 +34,17 @@ from scipy.special import lambertw
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs
+from bayesdeg.analysis.calibrate import calibrate
+from bayesdeg.analysis.films import course_of
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.laboratory.truth import Three, Truth
 from bayesdeg.pages.checkpoints import NoCheckpoints
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import calibrate
-from bayesdeg.pipeline.films import course_of
-from bayesdeg.pipeline.run import Streams
 from bayesdeg.prediction.lifetime import Duty, life_summary, lifetime_of
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.progress import Silent
+from bayesdeg.run.stages import Streams
 
 Floats = NDArray[np.float64]
 

@@ -32,6 +32,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import ForwardMap
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.criticism.checks.absorption import Absorption, Split, absorption, split
 from bayesdeg.criticism.fit.linear import columns_of, with_neutral
 from bayesdeg.criticism.fit.search import Search, SearchEffort, run_search
@@ -43,8 +45,6 @@ from bayesdeg.inference.model import JointModel
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.observations.specimens import control_name
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.priors import Normal
 
 Floats = NDArray[np.float64]

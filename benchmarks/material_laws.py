@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.criticism.holdout.material_laws import NOISE, LawComparison, compare_laws
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.tensile import TensileCurves, tensile_curves
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.reading import read_study
 from bayesdeg.priors import Distribution
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"

@@ -37,6 +37,12 @@ from numpy.typing import NDArray
 from physics.mishaps import MISHAPS, Mishap, happen
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import JUDGE_EFFORTS, judge
+from bayesdeg.assembly.aside import Exclusion
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.suspects import assemble_screened
 from bayesdeg.criticism.checks.suspects import parts_of
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.settings import SuspectOptions
@@ -45,12 +51,6 @@ from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import JointModel, near_films
 from bayesdeg.laboratory.truth import Truth
 from bayesdeg.observations.curvature import ANGLE, CURVATURE
-from bayesdeg.pipeline.aside import Exclusion
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.suspects import assemble_screened
 from bayesdeg.progress import Silent
 
 Json = dict[str, Any]

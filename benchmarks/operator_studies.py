@@ -41,14 +41,14 @@ from bayesdeg.actuator.linear import open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import FINE, build_mesh
 from bayesdeg.actuator.outputs import read_state
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import JUDGE_EFFORTS, judge
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Dimensions, ReadingOptions, Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect, drawn_truth
 from bayesdeg.laboratory.writing import Provenance
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 from bayesdeg.progress import Silent
 
 Floats = NDArray[np.float64]

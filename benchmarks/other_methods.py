@@ -36,6 +36,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import (
     Linear,
@@ -49,8 +51,6 @@ from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.hidden import HiddenAnswer, Sets, StatedSize
 from bayesdeg.observations.kinds import Places
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
 
 Floats = NDArray[np.float64]
 

@@ -37,13 +37,13 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction, gravity_direction
 from bayesdeg.actuator.mesh import COARSE, FINE
 from bayesdeg.actuator.status import Resolution
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import find
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
-from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]
 Tables = Mapping[str, pd.DataFrame]

@@ -30,8 +30,8 @@ from bayesdeg.laboratory.truth import drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pages.folder import POSTERIOR_BASE, RunFolder
-from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.progress import Silent
+from bayesdeg.run.stages import fingerprint, run_study
 
 
 def design() -> Design:

@@ -39,15 +39,15 @@ from rupture_studies import STEP, RuptureStudy, drawn_study, inflated, made, wri
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.mesh import FINE
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.console import shown
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.prediction.conditions import ServiceConditions
 from bayesdeg.prediction.predictive import rupture_table
 from bayesdeg.progress import Silent

@@ -19,6 +19,7 @@ from forward_case import say
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.fit.linear import with_neutral
 from bayesdeg.data.study import read_study
@@ -26,7 +27,6 @@ from bayesdeg.inference.density import Density
 from bayesdeg.inference.importance import FOR_WALKERS, Proposal, Warp
 from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.sampling import Chain, Effort, sample
-from bayesdeg.pipeline.assemble import assemble
 
 Floats = NDArray[np.float64]
 Moves = list[tuple[emcee.moves.Move, float]]

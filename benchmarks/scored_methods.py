@@ -27,6 +27,9 @@ from other_methods import METHODS as OTHERS
 from other_methods import FittedStudy, fit_study
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import JUDGE_EFFORTS, judge
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.commands.score import StatedVerdict
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.hidden import (
@@ -38,10 +41,7 @@ from bayesdeg.laboratory.hidden import (
     read_truths,
 )
 from bayesdeg.laboratory.score import Score, ScoredShare, score
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
-from bayesdeg.pipeline.record import verdict_document
+from bayesdeg.run.record import verdict_document
 
 STORE = Path(".cache/scored/answers")
 TRUTHS = "truths.jsonl"

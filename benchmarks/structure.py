@@ -40,10 +40,10 @@ import numpy as np
 
 import bayesdeg
 from bayesdeg.actuator.families import GEOMETRIES
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.reading import read_study
 
 ROOT = Path(__file__).resolve().parents[1]
 VECTORS = 64  # of parameters, drawn from the priors

@@ -26,14 +26,14 @@ from hidden_summary import share
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import Inputs, Prediction
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Stage
 from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect
 from bayesdeg.pages.wording import worded
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, Judgement, judge
 
 Json = dict[str, Any]
 

@@ -22,21 +22,23 @@ import bayesdeg
 from bayesdeg.inference.density import guesses
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
-from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
 
 try:
+    from bayesdeg.analysis.calibrate import base_without_chain
+    from bayesdeg.analysis.judge import JUDGE_EFFORTS, judge
+    from bayesdeg.assembly.assemble import Assembly, assemble
     from bayesdeg.criticism.fit.trials import CandidateFit
     from bayesdeg.data.study import read_study
     from bayesdeg.inference.model import JointModel, near_films
-    from bayesdeg.pipeline.calibrate import base_without_chain
     from bayesdeg.progress import Silent
     from bayesdeg.surrogate.workers import pool
 except ImportError:  # where they are in the commit `OLD` of verdict_seconds.py
     from bayesdeg.criticism.trials import CandidateFit
     from bayesdeg.inference.least_squares import near_films
     from bayesdeg.measure.study import read_study
+    from bayesdeg.pipeline.assemble import Assembly, assemble
     from bayesdeg.pipeline.base import base_without_chain
+    from bayesdeg.pipeline.judge import JUDGE_EFFORTS, judge
     from bayesdeg.pipeline.progress import Silent
 
     from bayesdeg.console import pool

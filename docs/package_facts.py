@@ -23,6 +23,8 @@ from typer.main import get_command
 
 import bayesdeg
 import bayesdeg.causes
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.cli import app
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.data.settings import KEYS, MODELS, MOULDS, Known, Settings
@@ -33,8 +35,6 @@ from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.observations.catalogue import TABLES as STUDY_TABLES
 from bayesdeg.pages.record import VerdictRecord
 from bayesdeg.pages.tables import TABLES as RUN_TABLES
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.reading import read_study
 from bayesdeg.priors import LAWS
 from bayesdeg.quantities import QUANTITIES
 from bayesdeg.records import Record

@@ -9,8 +9,8 @@ from bayesdeg.commands.update import UpdateAnswer
 from bayesdeg.laboratory.hidden import HiddenAnswer, HiddenTruth
 from bayesdeg.laboratory.score import Score
 from bayesdeg.laboratory.writing import TruthRecord
+from bayesdeg.pages.output import Owner
 from bayesdeg.pages.record import RunRecord, VerdictRecord
-from bayesdeg.pipeline.output import Owner
 from bayesdeg.records import FileRecord
 from bayesdeg_camera.folder import TraceFile
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdeg as bd
+from bayesdeg.analysis.judge import Judgement
+from bayesdeg.analysis.summary import lines, summary
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.fit.trials import try_causes
-from bayesdeg.pipeline.judge import Judgement
-from bayesdeg.pipeline.summary import lines, summary
 from bayesdeg.priors import HalfNormal, Normal, Parameter, TruncatedNormal, Uniform
 
 Floats = NDArray[np.float64]

@@ -16,12 +16,12 @@ import pytest
 import xarray as xr
 
 import bayesdeg as bd
+from bayesdeg.analysis.judge import judge_model
+from bayesdeg.analysis.summary import summary
 from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.tables import TABLES
-from bayesdeg.pipeline.judge import judge_model
-from bayesdeg.pipeline.summary import summary
 from bayesdeg.surrogate.surrogate import Surrogate
-from tests.pipeline.planted_offset import emulator, planted_study
+from tests.run.planted_offset import emulator, planted_study
 
 ROOT = Path(__file__).resolve().parents[1]
 GAIN = [column.name for column in TABLES["gain"].columns]

@@ -28,8 +28,10 @@ LAYERS = (
     "training",
     "results",
     "console",
-    "pipeline",
+    "run",
+    "analysis",
     "prediction",
+    "assembly",
     "pages",
     "laboratory",
     "criticism",
@@ -208,7 +210,7 @@ def test_files_are_read_and_written_in_few_places():
         "cli.py",
         "__init__.py",  # a setting of the compiler
     }
-    folders = ("pages/", "pipeline/", "commands/", "bayesdeg_camera/")
+    folders = ("pages/", "run/", "assembly/", "prediction/", "commands/", "bayesdeg_camera/")
     using = {name for name in offences(find) if not name.startswith(folders)}
     assert using <= places
 

@@ -17,12 +17,12 @@ import bayesdeg as bd
 from bayesdeg.cli import app
 from bayesdeg.pages.checkpoints import NoCheckpoints
 from bayesdeg.pages.folder import POSTERIOR_AVERAGED, RunFolder
+from bayesdeg.pages.output import run_folder
 from bayesdeg.pages.tables import TABLES
-from bayesdeg.pipeline.output import run_folder
-from bayesdeg.pipeline.run import run_study
 from bayesdeg.progress import Silent
+from bayesdeg.run.stages import run_study
 from bayesdeg.surrogate.trained import write_trained
-from tests.pipeline.planted_offset import COUNTS, DRY, SETTINGS, SUMMARY, emulator, planted_study
+from tests.run.planted_offset import COUNTS, DRY, SETTINGS, SUMMARY, emulator, planted_study
 
 pytestmark = pytest.mark.slow
 

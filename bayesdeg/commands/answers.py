@@ -18,14 +18,14 @@ from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.files import spreadsheet_safe, written
 from bayesdeg.pages.folder import RunFolder
+from bayesdeg.pages.output import output_file
 from bayesdeg.pages.wording import number
-from bayesdeg.pipeline.output import output_file
-from bayesdeg.pipeline.stored import read_stored, soil_of
 from bayesdeg.prediction import own
 from bayesdeg.prediction.conditions import PROMPT, ServiceConditions
 from bayesdeg.prediction.forecast import Forecast, levels_after
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.soil import Level, known_levels
+from bayesdeg.prediction.stored import read_stored, soil_of
 from bayesdeg.records import FileRecord, Names, Scalar, is_absent
 
 Floats = NDArray[np.float64]

@@ -11,6 +11,8 @@ from rich.text import Text
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.section import across, described, section
+from bayesdeg.assembly.outline import outline, unused
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.commands.options import CORES
 from bayesdeg.console import output, say, shown
 from bayesdeg.data.captures import captured_messages
@@ -22,8 +24,6 @@ from bayesdeg.data.shrinkage import film_masses, mean_as_printed, mean_over_film
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.observations.catalogue import TABLES
-from bayesdeg.pipeline.outline import outline, unused
-from bayesdeg.pipeline.reading import read_study
 from bayesdeg.surrogate.kept import duration, rough_seconds, search
 
 _LABELLED = {"specimen_id": "specimens", "film_id": "films"}
@@ -158,7 +158,7 @@ def _say_how_read(study: Study) -> None:
 def _check_own(study: Study) -> None:
     """Try the forward map and the causes of a study, and list its readings."""
     # these import the engine, which no other check needs
-    found = importlib.import_module("bayesdeg.pipeline.assemble").assemble(study)
+    found = importlib.import_module("bayesdeg.assembly.assemble").assemble(study)
     title = f"{study.name}: no faults"
     table = Table(title=Text(title), title_justify="left")
     table.add_column("what")

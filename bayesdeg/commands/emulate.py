@@ -13,7 +13,7 @@ from bayesdeg.console import output
 from bayesdeg.data.settings import FILE, Settings, parse_settings
 from bayesdeg.errors import BayesdegError, Fault, StudyError
 from bayesdeg.files import STUDY_MB, read_bytes, reason
-from bayesdeg.pipeline.output import output_file
+from bayesdeg.pages.output import output_file
 from bayesdeg.surrogate.campaign import Campaign
 from bayesdeg.surrogate.kept import CACHE, cached_path, refuse_whole_range
 from bayesdeg.surrogate.solutions import SolutionStore

@@ -21,9 +21,9 @@ from bayesdeg.commands.answers import (
 from bayesdeg.commands.options import Asking, Service
 from bayesdeg.console import output, shown
 from bayesdeg.pages.wording import chance, interval, number, percent
-from bayesdeg.pipeline.stored import soil_of
 from bayesdeg.prediction import lifetime as lives
 from bayesdeg.prediction.posterior import Posterior
+from bayesdeg.prediction.stored import soil_of
 
 Floats = NDArray[np.float64]
 

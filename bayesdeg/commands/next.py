@@ -16,7 +16,7 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.pages.left_out import OptionalStage
 from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pages.wording import NOTHING, count, fixed, listed, sentences
-from bayesdeg.pipeline.stored import run_in
+from bayesdeg.prediction.stored import run_in
 from bayesdeg.records import FileRecord, Names
 
 HEADINGS = (

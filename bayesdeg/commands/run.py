@@ -10,6 +10,9 @@ from rich.console import Console
 from rich.text import Text
 
 from bayesdeg.actuator.status import Backend
+from bayesdeg.analysis.experiment import experiment_in
+from bayesdeg.assembly.outline import passed_over
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.console import errors, output, say, shown
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
@@ -18,14 +21,11 @@ from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pages.folder import LEFT_OUT, RunFolder
 from bayesdeg.pages.headline import doubts_of, sets_of
 from bayesdeg.pages.left_out import Guard
+from bayesdeg.pages.output import CHECKPOINTS, run_folder
 from bayesdeg.pages.record import VerdictRecord
-from bayesdeg.pipeline.deformed import compile_beside
-from bayesdeg.pipeline.experiment import experiment_in
-from bayesdeg.pipeline.outline import passed_over
-from bayesdeg.pipeline.output import CHECKPOINTS, run_folder
-from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.run import add_page, fingerprint, run_study, with_options
 from bayesdeg.quantities import Effort
+from bayesdeg.run.deformed import compile_beside
+from bayesdeg.run.stages import add_page, fingerprint, run_study, with_options
 from bayesdeg.surrogate.workers import workplace
 from bayesdeg.training import TrainingOptions, emulator_for, refuse_cells
 

@@ -27,9 +27,9 @@ from bayesdeg.laboratory.hidden import (
 )
 from bayesdeg.laboratory.score import Score, ScoredShare, score
 from bayesdeg.pages.figures.isolability import isolability_svg
+from bayesdeg.pages.output import claimed, refuse_study
 from bayesdeg.pages.record import MisfitEntry
 from bayesdeg.pages.wording import NOTHING, fixed, words
-from bayesdeg.pipeline.output import claimed, refuse_study
 from bayesdeg.records import Names, Record
 
 VERDICT = "verdict.json"

@@ -11,6 +11,8 @@ from bayesdeg.actuator.families import geometry_of_study, with_dimensions
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.console import output, say, shown
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
@@ -25,9 +27,7 @@ from bayesdeg.laboratory.experiment import (
 )
 from bayesdeg.laboratory.truth import Truth, drawn_truth, parse_effects
 from bayesdeg.laboratory.writing import VIRTUAL_FILES, Provenance, study_files
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.output import virtual_study
-from bayesdeg.pipeline.reading import read_study
+from bayesdeg.pages.output import virtual_study
 from bayesdeg.surrogate.workers import workplace
 from bayesdeg.training import refuse_cells
 

@@ -14,8 +14,8 @@ from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.record import RunRecord, UpdateEntry
 from bayesdeg.pages.wording import fixed, number, sentences
-from bayesdeg.pipeline.update import Update, most_moved
 from bayesdeg.records import FileRecord, Names, Scalar
+from bayesdeg.run.update import Update, most_moved
 
 
 class UpdateAnswer(FileRecord):

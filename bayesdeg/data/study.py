@@ -466,7 +466,7 @@ def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Stud
     folder : Path or str
         Contains ``study.toml`` and at least one data file.
     tables : mapping of str to Table
-        Kinds of data to read; `bayesdeg.pipeline.reading.read_study` reads all.
+        Kinds of data to read; `bayesdeg.assembly.reading.read_study` reads all.
 
     Returns
     -------

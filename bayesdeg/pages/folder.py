@@ -38,7 +38,7 @@ from bayesdeg.records import LARGEST, FileRecord, RecordError, plain
 INDEX: Final = "index.html"
 LEFT_OUT: Final = "left_out.txt"
 ADDED: Final = "added.csv"
-"""Rows of actuator.csv that entered a run since, see `bayesdeg.pipeline.update`."""
+"""Rows of actuator.csv that entered a run since, see `bayesdeg.run.update`."""
 EMULATOR: Final = "emulator.npz"
 """The emulator of the run, so that the folder predicts wherever it is copied to."""
 
@@ -48,7 +48,7 @@ POSTERIOR: Final = "posterior"
 POSTERIOR_BASE: Final = "posterior_base"
 POSTERIOR_COURSE: Final = "posterior_course"
 POSTERIOR_AVERAGED: Final = "posterior_averaged"
-"""Over causes that cannot be told apart, see `bayesdeg.pipeline.averaged`."""
+"""Over causes that cannot be told apart, see `bayesdeg.analysis.averaged`."""
 
 #: Names of the JSON documents and of the netCDF posteriors.
 DOCUMENTS: Final = (VERDICT, RUN)

@@ -1,7 +1,7 @@
 """The tables of a run folder: every column with its unit and meaning, in the order of the file.
 
 This is the only list of them: the folder writes and reads these tables, the page shows them, and a
-run makes it (`bayesdeg.pipeline.writing.BUILDS`).
+run makes it (`bayesdeg.run.writing.BUILDS`).
 """
 
 from collections.abc import Iterable, Mapping

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from bayesdeg.actuator.reading import operator_ratio
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.curvature_operator import ARC
 from bayesdeg.data.settings import Dimensions, Layer, ReadingOptions, Settings
 from bayesdeg.data.study import Study
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.reading import read_study
 from tests.causes.default_actuator import conditions_of, effect, inputs_of, surrogate
 
 GELATIN = Path(__file__).parents[2] / "studies" / "gelatin_actuator"

@@ -16,15 +16,15 @@ from pathlib import Path
 
 from bayesdeg import training
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.analysis import calibrate
+from bayesdeg.analysis.region import asked_of
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import EFFORTS
-from bayesdeg.pipeline import calibrate
-from bayesdeg.pipeline.region import asked_of
 from bayesdeg.surrogate.kept import local_recipe
 from bayesdeg.surrogate.local import local_design
 from tests.killing import forked, killed
-from tests.pipeline.study_files import SETTINGS, study_in
-from tests.pipeline.tiny_campaign import COARSE, FINE, TABLE
+from tests.run.study_files import SETTINGS, study_in
+from tests.run.tiny_campaign import COARSE, FINE, TABLE
 
 # of a chain, which is sampled where so rough an emulator leaves no other draws
 SHORT = replace(EFFORTS["quick"], effective=1.0, r_hat=10.0, longest=75)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bayesdeg import training
-from bayesdeg.pipeline.region import FIRST
+from bayesdeg.analysis.region import FIRST
 from bayesdeg.surrogate.kept import COARSE_RUNS, FINE_RUNS
 
 ROOT = Path(__file__).resolve().parents[2]

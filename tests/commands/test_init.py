@@ -5,13 +5,13 @@ import tomllib
 import pytest
 from typer.testing import CliRunner
 
+from bayesdeg.assembly.outline import outline
 from bayesdeg.cli import app
 from bayesdeg.commands.init import STARTER, write_starter
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.settings import KEYS, Dimensions, Settings, parse_settings
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
-from bayesdeg.pipeline.outline import outline
 
 NO_DEFAULT = (
     *("stretch_range", "modulus_100", "elongation_at_break"),

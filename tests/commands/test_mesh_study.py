@@ -6,12 +6,12 @@ import pandas as pd
 import pytest
 
 from bayesdeg.actuator.families import geometry_of_study
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.data.plausibility import doubts
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.reading import read_study
 from bayesdeg.surrogate.kept import mesh_error_of
 from tests.actuator.parts import half, tetrahedral, whole, write
-from tests.pipeline.study_files import SETTINGS, study_in
+from tests.run.study_files import SETTINGS, study_in
 
 MESH = '[actuator]\nkind = "mesh"\nfile = "part.msh"\n'
 ACTUATOR = (

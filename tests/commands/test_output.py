@@ -16,8 +16,8 @@ from bayesdeg.commands import simulate as simulating
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.laboratory.writing import VIRTUAL_FILES
-from bayesdeg.pipeline import output
-from bayesdeg.pipeline.output import claimed, is_virtual, output_file, run_folder, virtual_study
+from bayesdeg.pages import output
+from bayesdeg.pages.output import claimed, is_virtual, output_file, run_folder, virtual_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 
@@ -156,7 +156,7 @@ def test_a_folder_without_permission_is_refused(here, call, monkeypatch):
 HOLD = """
 import sys, time
 from pathlib import Path
-from bayesdeg.pipeline.output import claimed
+from bayesdeg.pages.output import claimed
 with claimed(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -9,18 +9,18 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import find
 from bayesdeg.inference.course import CourseModel
 from bayesdeg.inference.sampling import Chain
 from bayesdeg.inference.tree import to_datatree
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.pages.folder import RunFolder
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.stored import model_document, read_stored
 from bayesdeg.prediction.predictive import curvature_bands, rupture_table
+from bayesdeg.prediction.stored import model_document, read_stored
 from bayesdeg.surrogate.trained import default_surrogate, to_bytes, write_trained
 from tests.inference.small_study import TRUTH, altered, values_of
-from tests.pipeline.study_files import study_in
+from tests.run.study_files import study_in
 
 OFFSET = 12.0
 DRAWS = 400

@@ -8,14 +8,14 @@ import pytest
 
 from bayesdeg.actuator.reading import ReadByOperator, mechanics_of, operator_ratio
 from bayesdeg.actuator.status import Resolution
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.commands import simulate
 from bayesdeg.pages.record import ModelEntry
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.stored import as_recorded, model_document
+from bayesdeg.prediction.stored import as_recorded, model_document
 from bayesdeg.records import RecordError
-from tests.pipeline.planted_offset import emulator
-from tests.pipeline.study_files import SETTINGS, study_in
+from tests.run.planted_offset import emulator
+from tests.run.study_files import SETTINGS, study_in
 
 CIRCLE = '[reading]\noperator = "circle"\n'
 ACTUATOR = (

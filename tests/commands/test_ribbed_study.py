@@ -11,16 +11,16 @@ from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Resolution
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.reading import read_study as everything
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import simulate
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pages.record import VerdictRecord
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.reading import read_study as everything
 from bayesdeg.surrogate.kept import Recipe
 from bayesdeg.surrogate.trained import read_trained, surrogate_for
-from tests.pipeline.study_files import SETTINGS, study_in
+from tests.run.study_files import SETTINGS, study_in
 
 SEGMENT = """
 [actuator]

@@ -6,8 +6,8 @@ import pytest
 
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.commands import simulate
-from tests.pipeline.study_files import SETTINGS, study_in
-from tests.pipeline.tiny_campaign import TABLE
+from tests.run.study_files import SETTINGS, study_in
+from tests.run.tiny_campaign import TABLE
 
 ACTUATOR = (
     "specimen_id,degradation_pct,degradation_sd_pct,pressure_kPa,curvature_per_m\n"

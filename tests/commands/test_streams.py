@@ -16,7 +16,7 @@ from bayesdeg.commands import simulate as simulating
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.laboratory.hidden import lines_of
 from bayesdeg.pages.record import TakenInEntry, UpdateEntry, VerdictRecord
-from bayesdeg.pipeline.update import Update
+from bayesdeg.run.update import Update
 from bayesdeg_camera import command as tracing
 from tests.commands.test_predict_and_control import buried, models, report
 from tests.commands.test_score_command import ANSWERS, TRUTHS

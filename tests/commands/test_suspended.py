@@ -11,7 +11,7 @@ import pytest
 
 from bayesdeg import cli
 from bayesdeg.pages.folder import RunFolder
-from tests.pipeline.study_files import study_in
+from tests.run.study_files import study_in
 
 
 def run(folder, out):

@@ -19,11 +19,11 @@ import pytest
 import bayesdeg as bd
 from bayesdeg import training
 from bayesdeg.actuator.status import Backend, Status
+from bayesdeg.analysis.region import FIRST, AskedAfterwards
 from bayesdeg.commands import run as run_command
 from bayesdeg.data.study import read_study
 from bayesdeg.pages.record import VerdictRecord
-from bayesdeg.pipeline.region import FIRST, AskedAfterwards
-from bayesdeg.pipeline.run_record import emulator_facts
+from bayesdeg.run.run_record import emulator_facts
 from bayesdeg.surrogate import campaign, workers
 from bayesdeg.surrogate.kept import cached_path, duration, rough_seconds
 from bayesdeg.surrogate.local import TARGET_OUTSIDE, LocalDesign
@@ -31,8 +31,8 @@ from bayesdeg.surrogate.refinement import TooFewCurvesError
 from bayesdeg.surrogate.scaling import ONE, TrainingRange
 from bayesdeg.surrogate.solutions import SolutionStore
 from bayesdeg.surrogate.trained import is_refined, read_trained, write_trained
-from tests.pipeline.study_files import SETTINGS, study_in
-from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator, solve_once
+from tests.run.study_files import SETTINGS, study_in
+from tests.run.tiny_campaign import GEOMETRY, RECIPE, TABLE, build, emulator, solve_once
 
 ROOT = Path(__file__).parents[2]
 CACHED = cached_path(GEOMETRY, RECIPE)
@@ -452,7 +452,7 @@ from dataclasses import replace
 from bayesdeg import cli
 from bayesdeg import training
 from bayesdeg.surrogate import campaign
-from tests.pipeline.tiny_campaign import RECIPE, build
+from tests.run.tiny_campaign import RECIPE, build
 if __name__ == "__main__":
     training.RECIPE = replace(RECIPE, coarse_runs=int(sys.argv.pop(1)))
     campaign.build = build

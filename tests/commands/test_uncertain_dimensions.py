@@ -12,19 +12,19 @@ from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study, with_dimensions
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.status import Resolution
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.commands import run as run_command
 from bayesdeg.commands import simulate
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.pages.record import VerdictRecord
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.surrogate import local
 from bayesdeg.surrogate.kept import Recipe, rough_seconds
 from bayesdeg.surrogate.solutions import SolutionStore
 from bayesdeg.surrogate.trained import default_surrogate, read_trained
 from tests.commands.test_ribbed_study import ACTUATOR, SEGMENT, STIFF, TINY
-from tests.pipeline.study_files import SETTINGS, study_in
-from tests.pipeline.tiny_campaign import COARSE, FINE
+from tests.run.study_files import SETTINGS, study_in
+from tests.run.tiny_campaign import COARSE, FINE
 
 COVER = '{ law = "normal", mean = 1.0, sd = 0.05 }'
 LENGTH = '{ law = "uniform", low = 8.5, high = 9.5 }'

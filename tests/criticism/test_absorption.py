@@ -11,6 +11,8 @@ from scipy import stats
 from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.criticism.checks.absorption import (
     LEAST_LEARNED,
     Absorption,
@@ -33,8 +35,6 @@ from bayesdeg.inference.laplace import Evidence
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.means import Statistic
 from bayesdeg.observations.readings import Formula, FormulaReadings, places_of
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
 from bayesdeg.priors import Flat, Normal, Parameter
 from tests.criticism.straight_subject import (
     CAUSES,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesdeg.analysis.calibrate import base_without_chain
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.decide.counted import COMMON_FACTOR, judge_counts
 from bayesdeg.criticism.decide.verdict import decide
@@ -12,7 +13,6 @@ from bayesdeg.criticism.fit.search import LEAST_FACTOR
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.observations.counts import RuptureCounts
 from bayesdeg.pages.wording import worded
-from bayesdeg.pipeline.calibrate import base_without_chain
 from tests.criticism.test_count_misfit import counted
 from tests.criticism.test_verdict import step
 from tests.inference.small_study import small_model

@@ -7,6 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import judge_model
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.discrepancy import (
     AMPLITUDES,
@@ -18,8 +20,6 @@ from bayesdeg.criticism.fit.screening import screen
 from bayesdeg.criticism.fit.trials import try_causes
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.readings import Formula, FormulaReadings, nothing_common, places_of
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import judge_model
 from bayesdeg.priors import Normal, Parameter
 from tests.criticism.straight_subject import predict_one_by_one
 

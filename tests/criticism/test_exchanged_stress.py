@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.decide.candidates import effect_sizes
 from bayesdeg.criticism.fit.trials import base_trial, try_causes
@@ -10,7 +11,6 @@ from bayesdeg.data.study import read_study
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import approximate
 from bayesdeg.material.hyperelastic import NeoHookean, nominal_stress
-from bayesdeg.pipeline.assemble import assemble
 
 CAUSE = CATALOGUE["stress_measure"]
 STRETCH = np.array([1.1, 1.3, 1.6, 2.0, 2.5])

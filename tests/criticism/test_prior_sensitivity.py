@@ -6,6 +6,7 @@ from arviz_base import from_dict
 from arviz_stats import psense
 from scipy.stats import norm
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.criticism.posterior import prior_sensitivity as module
 from bayesdeg.criticism.posterior.prior_sensitivity import (
     NOTICEABLE,
@@ -20,7 +21,6 @@ from bayesdeg.criticism.posterior.prior_sensitivity import (
 )
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import Normal, Parameter, ParameterTable
 from tests.criticism.linear_case import scaling_cause
 from tests.inference.small_study import draws_near_truth, small_model

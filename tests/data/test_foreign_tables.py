@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.data.foreign import ForeignTable, translated
 from bayesdeg.errors import StudyError
-from bayesdeg.pipeline.reading import read_study
 
 HEADER = ("specimen", "D", "p", "nr", "x", "y")
 MAPPING = (

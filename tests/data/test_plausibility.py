@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bayesdeg.assembly.outline import outline
 from bayesdeg.data.plausibility import (
     CURVATURE_UNITS,
     LEAST_FACTOR,
@@ -29,7 +30,6 @@ from bayesdeg.data.settings import Dimensions, Layer, Paper, SuspectOptions
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.curvature import actuator_curves
-from bayesdeg.pipeline.outline import outline
 from bayesdeg.priors import LogNormal
 
 ROOT = Path(__file__).resolve().parents[2]

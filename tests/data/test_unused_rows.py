@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.outline import outline, unused
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.data.cells import least_digit
 from bayesdeg.data.study import Why
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.kinds import ROUNDING
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.outline import outline, unused
-from bayesdeg.pipeline.reading import read_study
-from tests.pipeline.study_files import ACTUATOR, TENSILE, study_in
+from tests.run.study_files import ACTUATOR, TENSILE, study_in
 
 FILMS = ("actuator.csv", "break.csv", "summary.csv")
 AT_REST = "f1,0,uniaxial,1.0,0.0,nominal\nf2,25,uniaxial,1,0,cauchy\n"

@@ -12,9 +12,9 @@ from tests.hostile.inputs import forget_hash
 from tests.hostile.test_hostile_runs import ROWS, about_prior, write_course
 from tests.pages.synthetic_run import write_full
 from tests.photographs.recordings import arc, names, write_c3d
-from tests.pipeline.planted_offset import planted_study
-from tests.pipeline.small_run import write_run
-from tests.pipeline.study_files import study_in
+from tests.run.planted_offset import planted_study
+from tests.run.small_run import write_run
+from tests.run.study_files import study_in
 
 FULL = {
     "study.toml": """title = "Small"

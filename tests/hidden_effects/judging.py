@@ -13,6 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from bayesdeg.analysis.calibrate import base_without_chain
+from bayesdeg.analysis.judge import BASE, JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.assembly.assemble import Assembly, assemble
 from bayesdeg.causes.cause import Cause, Effect
 from bayesdeg.criticism.checks.missing_terms import MissingTerm
 from bayesdeg.criticism.decide.alternatives import stated_sets
@@ -29,9 +32,6 @@ from bayesdeg.criticism.fit.search import (
 )
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.data.study import read_study
-from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.calibrate import base_without_chain
-from bayesdeg.pipeline.judge import BASE, JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.progress import Silent
 
 NARROW = replace(JUDGE_EFFORTS["quick"], fitted=1, pairs=0)

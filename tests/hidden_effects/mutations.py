@@ -11,11 +11,11 @@ tells the size better than that: its standard deviation is printed beside. Some 
 import argparse
 import json
 
+from bayesdeg.analysis.judge import Judgement
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import read_study
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.judge import Judgement
 from tests.hidden_effects.judging import idle, judged, scaled, verdict_with
 from tests.hidden_effects.test_planted_studies import (
     SINGLE,

@@ -19,8 +19,8 @@ from bayesdeg.material.degradation import bernstein_weights
 from bayesdeg.observations.specimens import control_name
 from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pages.folder import RunFolder
-from bayesdeg.pipeline.run import fingerprint, run_study
 from bayesdeg.progress import Silent
+from bayesdeg.run.stages import fingerprint, run_study
 from tests.hidden_effects.judging import verdict_with
 
 STUDY = Path(__file__).parents[2] / "studies" / "gelatin_actuator"

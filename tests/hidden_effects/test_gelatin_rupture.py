@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.prediction.predictive import rupture_table
 from tests.hidden_effects.judging import judged
 

@@ -9,8 +9,8 @@ from bayesdeg.inference.tree import to_datatree
 from bayesdeg.pages.folder import RunFolder
 from tests.hostile.inputs import hostile_inputs
 from tests.hostile.redrawn import redraw
-from tests.pipeline.planted_offset import planted_study
-from tests.pipeline.small_run import write_run
+from tests.run.planted_offset import planted_study
+from tests.run.small_run import write_run
 
 CASES = [case for case in hostile_inputs() if case.subject == "run"]
 ROWS = "specimen_id,degradation_pct,pressure_kPa,curvature_per_m\nn,0,40,3\n"

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.hostile.inputs import hostile_inputs
-from tests.pipeline.study_files import study_in
+from tests.run.study_files import study_in
 
 CASES = [case for case in hostile_inputs() if case.subject == "study"]
 

@@ -22,7 +22,7 @@ from bayesdeg.inference.laplace import approximate, evidence
 from bayesdeg.inference.sampling import EFFORTS, sample
 from bayesdeg.priors import Normal
 from tests.inference.saturating_course import least_squares_course
-from tests.pipeline.study_files import SETTINGS, study_in
+from tests.run.study_files import SETTINGS, study_in
 
 TRUTH = {
     "fresh_moisture": 20.0,

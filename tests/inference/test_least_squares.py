@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.model import least_squares, near_films, share_outside
 from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.tensile import Tensile, median_stresses
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.priors import LogNormal
 from tests.inference.small_study import TRUTH, altered, small_model, values_of
 from tests.surrogate.closed_form import trained

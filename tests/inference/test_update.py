@@ -18,8 +18,8 @@ from bayesdeg.inference.update import (
 )
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import data_of_actuators
-from tests.pipeline.planted_offset import model as planted
-from tests.pipeline.small_run import sample_of
+from tests.run.planted_offset import model as planted
+from tests.run.small_run import sample_of
 
 
 @pytest.fixture(scope="module")

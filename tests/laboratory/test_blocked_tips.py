@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.settings import parse_settings
 from bayesdeg.data.study import read_study
 from bayesdeg.errors import BayesdegError
@@ -17,7 +18,6 @@ from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.force import HeldTip
-from bayesdeg.pipeline.assemble import assemble
 from tests.laboratory.test_actuators import many
 from tests.observations.test_held_tip import pressing
 from tests.observations.test_volume import swelling

@@ -6,14 +6,14 @@ import pytest
 from scipy import stats
 
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import StudyError
 from bayesdeg.inference.model import replicate
 from bayesdeg.observations.force import TIP_FORCE, TipForce, blocked_force
 from bayesdeg.observations.noise import INDEPENDENT
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.reading import read_study
 from tests.inference.small_study import near_medians
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)

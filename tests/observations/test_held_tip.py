@@ -7,12 +7,12 @@ import pytest
 from scipy import stats
 
 from bayesdeg.actuator.inputs import Further
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import replicate
 from bayesdeg.observations.force import HeldTip, TipForce
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.reading import read_study
 from tests.inference.small_study import near_medians
 from tests.observations.test_volume import swelling
 

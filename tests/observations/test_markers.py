@@ -7,14 +7,14 @@ import pytest
 from bayesdeg.actuator.inputs import Inputs, Prediction
 from bayesdeg.actuator.line import OPERATORS, read_line
 from bayesdeg.actuator.reading import ReadByOperator, bottom_lines, evenly, operator_ratio
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.outline import outline
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.data.study import Why
 from bayesdeg.errors import StudyError
 from bayesdeg.observations.curvature import actuator_curves
 from bayesdeg.observations.markers import angle_errors
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.outline import outline
-from bayesdeg.pipeline.reading import read_study
 
 COUNT = 12
 COLUMNS = ["specimen_id", "degradation_pct", "pressure_kPa", "point", "x_mm", "y_mm", "sd_mm"]

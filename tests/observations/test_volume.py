@@ -11,6 +11,9 @@ from bayesdeg.actuator.curve import ExactMap
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import Further, Inputs, Prediction
 from bayesdeg.actuator.status import Resolution
+from bayesdeg.assembly.assemble import assemble
+from bayesdeg.assembly.outline import outline, unlinked
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.data.plausibility import doubts
 from bayesdeg.errors import BayesdegError, StudyError
@@ -18,9 +21,6 @@ from bayesdeg.inference.model import replicate
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import Rupture, data_of_actuators
 from bayesdeg.observations.volume import VOLUME, CavityVolume
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.outline import outline, unlinked
-from bayesdeg.pipeline.reading import read_study
 from tests.inference.small_study import near_medians
 
 FILMS = 0  # columns of deviations of films, which have none here

@@ -20,7 +20,7 @@ from bayesdeg.pages.page import FIGURES as DRAWN
 from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pages.tables import Tables
 from bayesdeg.pages.wording import number
-from bayesdeg.pipeline.writing import loo_pit_table
+from bayesdeg.run.writing import loo_pit_table
 
 LEVELS = (0.0, 10.0, 25.0)
 

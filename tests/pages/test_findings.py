@@ -13,6 +13,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.analysis.films import CommonError, CourseSummary
+from bayesdeg.analysis.judge import Description
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.absorption import Absorption, Push
 from bayesdeg.criticism.checks.count_misfit import CountMisfit
@@ -60,12 +62,10 @@ from bayesdeg.inference.sampling import Effort
 from bayesdeg.pages.left_out import OptionalStage
 from bayesdeg.pages.record import BurstEntry, MemberEntry, UpdateEntry, VerdictRecord
 from bayesdeg.pages.wording import environment, sentences, worded
-from bayesdeg.pipeline.films import CommonError, CourseSummary
-from bayesdeg.pipeline.judge import Description
-from bayesdeg.pipeline.run_record import VendorCheck, VendorFigure
 from bayesdeg.prediction.control import Allowed, Setting
 from bayesdeg.prediction.lifetime import Duty, LifeSummary
 from bayesdeg.prediction.prior_predictive import PriorPredictive
+from bayesdeg.run.run_record import VendorCheck, VendorFigure
 
 WORDS = Path(__file__).with_name("findings.json")
 NAN = float("nan")
@@ -633,7 +633,7 @@ def test_every_macro_of_a_record_is_rendered():
     helpers = {"few", "mostly", "place", "off", "figures", "new", "burst_of", "counts_in"}
     helpers |= {"those", "uncatalogued"}
     helpers |= {"in_words", "fit_alike", "by_column", "column_words", "a_term"}
-    # of facts, not of a record: tests/pipeline/test_set_aside.py, tests/pipeline/test_reach.py
+    # of facts, not of a record: tests/run/test_set_aside.py, tests/run/test_reach.py
     helpers |= {"suspect", "oddness", "guess", "verb", "beyond"}
     macros = {name for name in vars(module) if not name.startswith("_")} - {"mounts", "parts"}
     assert macros - helpers == rendered | set(NOTES)

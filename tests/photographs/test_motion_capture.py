@@ -9,10 +9,10 @@ import pytest
 
 from bayesdeg import limited
 from bayesdeg.actuator.line import read_line
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.commands.check import check
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.errors import StudyError
-from bayesdeg.pipeline.reading import read_study
 from bayesdeg_camera import c3d
 from bayesdeg_camera.c3d import read_c3d
 from bayesdeg_camera.captures import error_of_mean, fitted_plane, shifted, stated_plane

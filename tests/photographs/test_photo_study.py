@@ -10,6 +10,7 @@ from PIL import Image
 
 from bayesdeg.actuator.line import read_line
 from bayesdeg.actuator.reading import bottom_lines, evenly, line_of_reading
+from bayesdeg.assembly.reading import read_study
 from bayesdeg.commands.check import check
 from bayesdeg.data.photographs import TracedPhotograph, messages, trace_rows
 from bayesdeg.errors import StudyError
@@ -18,9 +19,8 @@ from bayesdeg.pages.folder import PICTURES, RunFolder
 from bayesdeg.pages.page import FIGURES
 from bayesdeg.pages.record import RunRecord, VerdictRecord
 from bayesdeg.pages.tables import Tables
-from bayesdeg.pipeline.reading import read_study
-from bayesdeg.pipeline.writing import write_pictures
 from bayesdeg.progress import Silent
+from bayesdeg.run.writing import write_pictures
 from bayesdeg_camera import photographs as traced
 from bayesdeg_camera import pictures
 from bayesdeg_camera.tracing.plane import mapped

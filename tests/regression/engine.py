@@ -21,6 +21,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdeg.analysis.judge import judge_model
+from bayesdeg.analysis.summary import summary
+from bayesdeg.assembly.assemble import Assembly, assemble
 from bayesdeg.causes.cause import Cause
 from bayesdeg.data.study import Study, read_study
 from bayesdeg.inference.course import CourseModel, course_model, moisture_at
@@ -32,9 +35,6 @@ from bayesdeg.observations.means import Means
 from bayesdeg.observations.noise import sequential
 from bayesdeg.observations.published import RSquared, of_tests, published_tests
 from bayesdeg.observations.tensile import Tensile
-from bayesdeg.pipeline.assemble import Assembly, assemble
-from bayesdeg.pipeline.judge import judge_model
-from bayesdeg.pipeline.summary import summary
 from bayesdeg.priors import ParameterTable
 from bayesdeg.surrogate.trained import default_surrogate
 from tests.hidden_effects.judging import concluded, judged

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bayesdeg.pipeline.judge import judge_model
+from bayesdeg.analysis.judge import judge_model
 from bayesdeg.priors import HalfNormal
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"

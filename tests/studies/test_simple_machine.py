@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesdeg.analysis.judge import judge_model
+from bayesdeg.analysis.summary import lines, summary
 from bayesdeg.criticism.checks.discrepancy import interval_with_discrepancy
-from bayesdeg.pipeline.judge import judge_model
-from bayesdeg.pipeline.summary import lines, summary
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 SEEDS = (1, 2, 2014)

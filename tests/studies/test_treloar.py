@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.cause import Cause, Stage
 from bayesdeg.criticism.checks.residuals import where_films
 from bayesdeg.criticism.decide.support import as_it_is, hold_out_each
@@ -16,10 +17,9 @@ from bayesdeg.criticism.holdout.gain import mode_table
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.data.study import read_study
 from bayesdeg.pages.wording import fixed, worded
-from bayesdeg.pipeline.assemble import assemble
-from bayesdeg.pipeline.record import verdict_document
 from bayesdeg.priors import Normal, Parameter
 from bayesdeg.quantities import p_value_text
+from bayesdeg.run.record import verdict_document
 from tests.hidden_effects.judging import judged
 
 pytestmark = pytest.mark.slow

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from bayesdeg.assembly.outline import outline
 from bayesdeg.criticism.holdout.material_laws import NOISE, compare_laws
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.tensile import tensile_curves
-from bayesdeg.pipeline.outline import outline
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 

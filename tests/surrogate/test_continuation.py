@@ -8,11 +8,11 @@ import pytest
 
 from bayesdeg.actuator.inputs import Inputs, continuation
 from bayesdeg.actuator.status import Status
+from bayesdeg.assembly.assemble import assemble
 from bayesdeg.data.study import read_study
 from bayesdeg.inference.laplace import find_mode
 from bayesdeg.inference.model import least_squares
 from bayesdeg.observations.curvature import Curvature
-from bayesdeg.pipeline.assemble import assemble
 from bayesdeg.surrogate.surrogate import OUTSIDE_BY
 from bayesdeg.surrogate.trained import default_surrogate
 

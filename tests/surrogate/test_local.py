@@ -17,7 +17,7 @@ from bayesdeg.surrogate.scaling import GROUPS, NAMES, Place, TrainingRange
 from bayesdeg.surrogate.surrogate import Surrogate
 from bayesdeg.surrogate.terms import features
 from bayesdeg.surrogate.trained import covering, write_trained
-from tests.pipeline.tiny_campaign import GEOMETRY, emulator
+from tests.run.tiny_campaign import GEOMETRY, emulator
 from tests.surrogate.closed_form import LENGTH, SPAN, sample, trained
 
 NEUTRAL = np.array([group.neutral for group in GROUPS])

@@ -20,7 +20,7 @@ from bayesdeg.surrogate.trained import (
     to_bytes,
     write_trained,
 )
-from tests.pipeline.tiny_campaign import GEOMETRY, RECIPE, emulator
+from tests.run.tiny_campaign import GEOMETRY, RECIPE, emulator
 
 PAPER = Geometry(Dimensions())
 

@@ -1,0 +1,1 @@
+"""What a run computes with a model: calibration, verdict, checks."""
