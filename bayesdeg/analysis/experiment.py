@@ -112,7 +112,7 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
 class Experiment(Protocol):
     """What a run is of; what a class does not override is that of films and actuators."""
 
-    is_of_actuators = True
+    is_of_actuators: bool = True
     #: Causes that a model may have besides those given to it.
     catalogue: Mapping[str, Cause] = CATALOGUE
     #: Tables of a run folder that it does not have.
@@ -154,6 +154,7 @@ class Experiment(Protocol):
 
     def try_out(self, density: JointModel) -> None:
         """Report code of a user that fails, before anything is computed."""
+        return
 
     def is_parallel(self, model: JointModel, causes: tuple[Cause, ...]) -> bool:
         """Return whether other processes can compute a model with these causes.
