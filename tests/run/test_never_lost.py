@@ -11,7 +11,7 @@ import pytest
 
 from bayesdeg import cli
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.analysis import films, judge
+from bayesdeg.analysis import experiment, films, judge
 from bayesdeg.commands import run as command
 from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.holdout import leave_one_out
@@ -136,7 +136,7 @@ def has_table(figure, shown):
 
 KEPT = [
     (run, "calibrate", lambda _model, name, **_options: name),
-    (run, "base_of", None),
+    (experiment, "base_of", None),
     (judge, "Search", None),
     (judge, "held_out_and_all", None),
     (judge, "absorption", None),
@@ -164,9 +164,10 @@ def cheap(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(STRICT, "0")
         patch.setattr(command, "emulator_for", lambda *_args, **_options: emulator())
-        patch.setattr(run, "JUDGE_EFFORTS", {"quick": EFFORT})
         short = replace(run.EFFORTS["quick"], effective=1.0, r_hat=9.0, longest=60, chunk=30)
-        patch.setattr(run, "EFFORTS", {"quick": short})
+        for module in (run, experiment):
+            patch.setattr(module, "JUDGE_EFFORTS", {"quick": EFFORT})
+            patch.setattr(module, "EFFORTS", {"quick": short})
         patch.setattr(Tensile, "beside", False)
         patch.setattr(Means, "beside", False)
         patch.setattr(deciding, "DRAWS", 10)

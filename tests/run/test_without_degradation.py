@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bayesdeg import cli
+from bayesdeg.analysis import experiment
 from bayesdeg.assembly.assemble import assemble
 from bayesdeg.assembly.outline import outline
 from bayesdeg.commands import run as command
@@ -149,8 +150,9 @@ def finished(tmp_path_factory):
     words = ["bayesdeg", "run", str(folder), "--out", str(out / "run"), "--workers", "1"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "emulator_for", lambda *_args, **_options: emulator())
-        patch.setattr(run, "JUDGE_EFFORTS", {"quick": EFFORT})
-        patch.setattr(run, "EFFORTS", {"quick": short})
+        for module in (run, experiment):
+            patch.setattr(module, "JUDGE_EFFORTS", {"quick": EFFORT})
+            patch.setattr(module, "EFFORTS", {"quick": short})
         patch.setattr(writing, "write_deformed", coarse)
         patch.setattr(sys, "argv", words)
         with redirect_stdout(StringIO()) as said, redirect_stderr(said):
