@@ -36,7 +36,7 @@ from bayesdeg.pages.record import ModelEntry, VerdictRecord
 from bayesdeg.pages.wording import SPACE, worded
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.soil import Soil
-from bayesdeg.prediction.stored import NO_COURSE
+from bayesdeg.prediction.stored import NO_COURSE, bends_actuators
 from bayesdeg.priors import Parameter
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
@@ -208,11 +208,11 @@ class Model:
         """
         if isinstance(given, Cause):
             return given
-        catalogue = self.experiment.catalogue
-        known = {**catalogue} | {c.name: c for c in (*self.assembly.causes, *self.active)}
+        known = {**self.experiment.catalogue}
+        known |= {one.name: one for one in (*self.assembly.causes, *self.active)}
         if given not in known:
             remedy = use_one_of(given, known) if known else "give the bayesdeg.Cause itself"
-            whose = "" if catalogue else " of this model"
+            whose = "" if self.experiment.is_of_actuators else " of this model"
             raise BayesdegError(f"there is no cause {given!r}{whose}; {remedy}")
         return known[given]
 
@@ -273,7 +273,7 @@ class Model:
         known = self.assembly
         listed: Iterable[Cause | str] = [causes] if isinstance(causes, str) else causes
         wanted = known.candidates if causes == "all" else [self.cause(one) for one in listed]
-        if not wanted and not self.experiment.catalogue:
+        if not wanted and not self.experiment.is_of_actuators:
             raise BayesdegError(
                 "a model with its own forward map has no candidate causes; give "
                 "criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
@@ -345,7 +345,13 @@ class Calibration:
         """
         fit, model = self.fit, self.model
         experiment, assembly = model.experiment, model.assembly
-        experiment.refuse_prediction(fit.model, assembly.study)
+        if not experiment.is_of_actuators:
+            return Posterior(fit.model, self._kept)
+        if not bends_actuators(fit.model.table.names):
+            raise BayesdegError(
+                f"{assembly.study.name} has no actuator readings, so its posterior cannot predict "
+                "actuators; add actuator.csv to the study"
+            )
         final = Results(assembly, fit, fit, of_final(model.judgement, fit))
         averaged = with_average(final, Streams.of(self.seed).averaged, Guard(strict=True)).averaged
         tested = experiment.tested(assembly.model, fit.model, assembly.study) or ModelEntry()

@@ -372,7 +372,13 @@ def _refined(
 
 
 def train(campaign: Campaign, path: Path, options: TrainingOptions) -> Surrogate:
-    """Announce the time of a campaign, complete it, train the emulator and save it."""
+    """Announce the time of a campaign, complete it, train the emulator and save it.
+
+    Raises
+    ------
+    Stopped
+        If the user declines the training or stops it.
+    """
     surrogate = _worked(campaign, options, train_emulator)
     _keep([campaign], path, surrogate, options)
     return surrogate

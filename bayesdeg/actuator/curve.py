@@ -599,7 +599,16 @@ class ExactMap:
 
         The lower edge of its free end rests on a load cell; the force is relative to zero pressure,
         and nan where the curve was not reached.
+
+        Raises
+        ------
+        ValueError
+            If there is a reference pressure; call the map with ``asked="tip_force"`` for that.
         """
+        if inputs.reference_pressure is not None:
+            raise ValueError(
+                "tip_force is over zero pressure; call the map for a reference pressure"
+            )
         value, slope = self._answers(inputs, held=True)
         return Further(value, slope, np.zeros(value.shape))
 

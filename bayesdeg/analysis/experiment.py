@@ -39,7 +39,7 @@ from bayesdeg.pages.record import BasisEntry, ModelEntry
 from bayesdeg.pages.tables import ALL_LEVELS
 from bayesdeg.pages.wording import sentences
 from bayesdeg.prediction.predictive import specimens_tested
-from bayesdeg.prediction.stored import bends_actuators, model_document
+from bayesdeg.prediction.stored import model_document
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
 from bayesdeg.surrogate.kept import refuse_whole_range
@@ -213,14 +213,6 @@ class Experiment(Protocol):
 
     # ---- record of a run
 
-    def refuse_prediction(self, model: JointModel, study: Study) -> None:
-        """Refuse to predict from a model that was calibrated without the data for it."""
-        if not bends_actuators(model.table.names):
-            raise BayesdegError(
-                f"{study.name} has no actuator readings, so its posterior cannot predict "
-                "actuators; add actuator.csv to the study"
-            )
-
     def tested(self, base: JointModel, final: JointModel, study: Study) -> ModelEntry | None:
         """Return what predictions need to know of a model and its data; None if nothing.
 
@@ -323,10 +315,6 @@ class OwnExperiment(Experiment):
         executor: Executor | None,
     ) -> Examination | None:
         return None
-
-    @override
-    def refuse_prediction(self, model: JointModel, study: Study) -> None:
-        pass
 
     @override
     def tested(self, base: JointModel, final: JointModel, study: Study) -> ModelEntry | None:

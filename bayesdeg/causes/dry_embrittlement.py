@@ -45,7 +45,7 @@ from bayesdeg.causes.cause import (
     Stage,
     StrengthConditions,
 )
-from bayesdeg.causes.history import SAME, STORED, TESTED, dryness
+from bayesdeg.causes.history import SAME_HUMIDITY, STORED_HUMIDITY, TESTED_HUMIDITY, dryness
 from bayesdeg.material.strength import Strength
 from bayesdeg.priors import Parameter, TruncatedNormal
 
@@ -74,7 +74,7 @@ def lost_humidity(humidity: Floats) -> Floats:
     >>> lost_humidity(np.array([75.0, 67.0, 53.0, np.nan])).tolist()
     [0.0, 0.0, 2.0, 1.0]
     """
-    known = np.where(np.isnan(humidity), TESTED, humidity)
+    known = np.where(np.isnan(humidity), TESTED_HUMIDITY, humidity)
     return np.maximum(dryness(known), 0.0)
 
 
@@ -85,9 +85,11 @@ def never_dry(conditions: Conditions) -> str | None:
         return "no degraded actuator was tested"
     if not np.any(np.isfinite(conditions.humidity)):
         return "the humidity of the room was not recorded"
-    lost = lost_humidity(conditions.room_humidity) * (STORED - TESTED)
-    if np.all(lost[degraded] < SAME):
-        return f"degraded actuators were tested in air as humid as the storage, {STORED:g} %"
+    lost = lost_humidity(conditions.room_humidity) * (STORED_HUMIDITY - TESTED_HUMIDITY)
+    if np.all(lost[degraded] < SAME_HUMIDITY):
+        return (
+            f"degraded actuators were tested in air as humid as the storage, {STORED_HUMIDITY:g} %"
+        )
     return None
 
 

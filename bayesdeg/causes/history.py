@@ -82,11 +82,11 @@ def lagging(steps: Floats, time: Floats, time_constant: Floats) -> Floats:
     return response
 
 
-STORED = 67.0
+STORED_HUMIDITY = 67.0
 """Relative humidity in which films and parts are stored [%]."""
-TESTED = 60.0
+TESTED_HUMIDITY = 60.0
 """Relative humidity of the room where none was recorded [%]."""
-SAME = 0.5
+SAME_HUMIDITY = 0.5
 """Humidities that differ by less are the same to a hygrometer [%]."""
 
 
@@ -100,4 +100,4 @@ def dryness(humidity: Floats) -> Floats:
     >>> dryness(np.array([67.0, 60.0, 46.0])).tolist()
     [0.0, 1.0, 3.0]
     """
-    return (STORED - humidity) / (STORED - TESTED)
+    return (STORED_HUMIDITY - humidity) / (STORED_HUMIDITY - TESTED_HUMIDITY)

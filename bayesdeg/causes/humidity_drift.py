@@ -36,7 +36,14 @@ import numpy as np
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.causes.blindness import without_time
 from bayesdeg.causes.cause import Cause, Conditions, Effect, Floats, Stage
-from bayesdeg.causes.history import SAME, STORED, TESTED, filled, known_time, lagging
+from bayesdeg.causes.history import (
+    SAME_HUMIDITY,
+    STORED_HUMIDITY,
+    TESTED_HUMIDITY,
+    filled,
+    known_time,
+    lagging,
+)
 from bayesdeg.causes.history import dryness as dryness_at
 from bayesdeg.priors import LogNormal, Parameter, TruncatedNormal
 
@@ -57,13 +64,13 @@ def dryness(conditions: Conditions) -> Floats:
     >>> dryness(Conditions(pressure, fresh, humidity=np.array([[67.0, 46.0]]))).tolist()
     [[0.0, 3.0]]
     """
-    return dryness_at(filled(conditions.humidity, TESTED))
+    return dryness_at(filled(conditions.humidity, TESTED_HUMIDITY))
 
 
 def never_drier(conditions: Conditions) -> str | None:
     """Say so where no time was recorded, or the room was always as humid as the storage."""
-    if np.all(np.abs(dryness(conditions)) * (STORED - TESTED) < SAME):
-        return f"the room was as humid as the storage, {STORED:g} %"
+    if np.all(np.abs(dryness(conditions)) * (STORED_HUMIDITY - TESTED_HUMIDITY) < SAME_HUMIDITY):
+        return f"the room was as humid as the storage, {STORED_HUMIDITY:g} %"
     return without_time(conditions)
 
 

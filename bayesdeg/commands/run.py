@@ -48,9 +48,11 @@ def run(
     """Do what `interface.run` says."""
     with shown(quiet) as progress:
         checked = with_options(read_study(study, progress), effort, seed)
-    refuse_cells(checked.settings, backend)
     experiment = experiment_in(checked)
-    own, unlikely = not experiment.is_of_actuators, experiment.doubts(checked)
+    own = not experiment.is_of_actuators
+    if not own:
+        refuse_cells(checked.settings, backend)
+    unlikely = experiment.doubts(checked)
     target, guard = out or Path("reports") / checked.name, Guard()
     # other processes do not know the functions of a study folder
     workers, scheduler = (1, None) if own else (workers, scheduler)

@@ -211,7 +211,10 @@ def find_modes(
     starts: int = STARTS,
     executor: Executor | None = None,
 ) -> Modes:
-    """Find separate modes and their shares, climbing from ``starts`` and from ``known`` modes."""
+    """Find separate modes and their shares, climbing from as many dispersed points as ``starts``.
+
+    An executor climbs from them side by side; ``known`` modes are added as they are.
+    """
     apply = map if executor is None else executor.map
     climbs = apply(partial(_climb, density), dispersed(density, generator, starts))
     tops = separate(density, [*known, *climbs])

@@ -312,7 +312,7 @@ def is_stable(
 ) -> BoolArray:
     """Return whether C₁ > 0, C₃ > 0 and C₂ > −√(3 C₁ C₃) for every D_R from 0 to the largest.
 
-    Arguments and errors as `yeoh_constants`.
+    Other arguments and errors as `yeoh_constants`; ``largest_degradation`` is in %.
 
     Examples
     --------

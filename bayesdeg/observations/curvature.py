@@ -659,7 +659,9 @@ def _curves(mechanics: Prediction, prediction: Prediction) -> Curves:
         mechanics.slope,
     )
     shape = curves[0].shape
-    return Curves(*(np.ascontiguousarray(np.broadcast_to(one, shape)) for one in curves))
+    # a broadcast view is read-only, of which kernels would be compiled again
+    whole = (c if c.shape == shape else np.broadcast_to(c, shape) for c in curves)
+    return Curves(*map(np.ascontiguousarray, whole))
 
 
 def reading_correlation(values: Named, data: ActuatorCurves) -> Floats:
@@ -706,13 +708,14 @@ def common_error(state: State[FilmsAndActuators], data: ActuatorCurves) -> Float
     g = u₀/√3 + u₁ (2 p/p_max − 1) + u₂ (2 D/D_max − 1), of unit variance on average over pressures
     and degradation rates; without u₂, g = u₀ √(2/3) + u₁ (2 p/p_max − 1).
     """
-    given = {name: value[:, None, None] for name, value in state.values.items()}
-    level, by_pressure = given["emulator_error_level"], given["emulator_error_pressure"]
+    names = ("emulator_error_level", "emulator_error_pressure", "emulator_error_degradation")
+    given = {n: state.values[n][:, None, None] for n in names if n in state.values}
+    level, by_pressure, *rest = given.values()
     pressures = 2.0 * data.pressure / state.world.largest_pressure - 1.0
-    if "emulator_error_degradation" not in given:
+    if not rest:
         alone: Floats = level * np.sqrt(2.0 / 3.0) + by_pressure * pressures
         return alone
-    by_degradation = given["emulator_error_degradation"]
+    [by_degradation] = rest
     rates = 2.0 * data.degradation / max(state.world.nodes[-1], 1.0) - 1.0
     error: Floats = (level / np.sqrt(3.0) + by_degradation * rates) + by_pressure * pressures
     return error

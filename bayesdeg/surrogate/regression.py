@@ -25,7 +25,7 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.surrogate import coordinates as at
 from bayesdeg.surrogate.coordinates import Coordinates, coordinates
 from bayesdeg.surrogate.scaling import CAUSES, GROUPS, MATERIAL, NAMES, Place, TrainingRange
-from bayesdeg.surrogate.surrogate import OUTPUTS as SHAPE
+from bayesdeg.surrogate.surrogate import OUTPUTS as SHAPE_OUTPUTS
 from bayesdeg.surrogate.surrogate import stretch_offset
 from bayesdeg.surrogate.terms import N_CHEBYSHEV, feature_gradients, features
 
@@ -42,9 +42,11 @@ _VOLUME = OUTPUTS.index("cavity_volume")
 # columns of `Observed.values`, by how smooth they are
 ANGLES = (0, 1)  # curvature and bend angle
 STRETCH = (2,)  # a quantile over points, wavy
-WEIBULL = tuple(len(SHAPE) + k for k in range(len(WEIBULL_MODULI)))
-EQUIVALENT = tuple(len(SHAPE) + k for k in range(len(WEIBULL_MODULI), len(MEASURES)))  # wavy, too
-VOLUME = (len(SHAPE) + len(MEASURES),)
+WEIBULL = tuple(len(SHAPE_OUTPUTS) + k for k in range(len(WEIBULL_MODULI)))
+EQUIVALENT = tuple(
+    len(SHAPE_OUTPUTS) + k for k in range(len(WEIBULL_MODULI), len(MEASURES))
+)  # wavy, too
+VOLUME = (len(SHAPE_OUTPUTS) + len(MEASURES),)
 INSIDE = 0.9  # share of held-out errors within the 90 % interval of a normal law
 INSIDE_SD = float(norm.ppf(0.5 * (1.0 + INSIDE)))  # half of that interval, in standard deviations
 

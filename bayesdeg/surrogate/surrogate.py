@@ -370,10 +370,10 @@ def map_of_rows(
                 _differentiate(series, terms.n_orders)
                 _series(error_series, by_phi[:0], along_errors, work[_PHI:_KNOWN], errors)
             _tabulate(polynomials, work[_WARPED:_PHI])
-            _sum(work[_ERROR:_END], error_series, polynomials)  # the fourth is 0, overwritten
             if slack:
                 _sum(work[_BY_PHI:], by_phi, polynomials)
             _sum(work[_OUT:_ERROR], series, polynomials)
+            _sum_errors(work[_ERROR:_BY_PHI], error_series, polynomials)
             _finish(work, mesh_error)
             _write(out, work, first, count, column)
     return out, allowed
@@ -481,6 +481,23 @@ def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: 
             sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
             sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
             sums[3 * BLOCK + lane] += c[3 * BLOCK + lane] * even + c[7 * BLOCK + lane] * odd
+
+
+@compiled
+def _sum_errors(
+    sums: Floats, series: Floats, polynomials: Floats
+) -> None:  # pragma: no cover - compiled
+    """Write the sums of the first three of four series in the load, two orders at a time."""
+    sums[: Y * BLOCK] = 0.0
+    # a reshape would cost more than the sums of an order
+    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
+    for n in range(0, len(series), 2):
+        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
+        for lane in range(BLOCK):
+            even, odd = t[lane], t[BLOCK + lane]
+            sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd
+            sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
+            sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
 
 
 @compiled

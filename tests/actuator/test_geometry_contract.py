@@ -228,7 +228,7 @@ def test_a_segment_pressed_in_both_halves_does_not_bend(name, bent):
     "name", ["ribbed", "ribbed without layer", "ribbed with a slab", "channels", "round"]
 )
 def test_both_assemblies_solve_the_same_curve(name):
-    """Of the others see test_weak_form.py; the weak form knows no tetrahedra."""
+    """See also test_weak_form.py; the weak form knows no tetrahedra."""
     ours = Actuator(build_mesh(GEOMETRIES[name], ONE_ELEMENT_A_WALL))
     theirs = Actuator(ours.mesh, backend="scikit-fem")
     material = replace(

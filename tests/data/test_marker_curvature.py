@@ -109,6 +109,19 @@ def test_impossible_rows_are_refused(row: list[list[float]], says: str) -> None:
         spline_bend(row)
 
 
+@pytest.mark.parametrize("end_points", [None, 3, 18])
+@pytest.mark.parametrize("angle", [1e-6, 1.0])
+def test_noise_of_points_does_not_bias_the_curvature(end_points: int | None, angle: float) -> None:
+    rng = np.random.default_rng(11)
+    row = arc(angle, np.linspace(0, 1, 18))
+    found = [
+        measure_bend(row + rng.normal(0, 0.02, row.shape), end_points=end_points).curvature
+        for _ in range(800)
+    ]
+    error = np.std(found) / np.sqrt(800)
+    assert np.mean(found) == pytest.approx(angle / 0.05, abs=4 * error)
+
+
 def test_too_few_points_for_a_spline() -> None:
     with pytest.raises(ValueError, match="at least 4"):
         spline_bend(arc(1.0, np.linspace(0, 1, 3)))

@@ -32,8 +32,8 @@ from bayesdeg.pages.left_out import (
 )
 from bayesdeg.pages.page import FIGURES as DRAWN
 from bayesdeg.prediction import prior_predictive
+from bayesdeg.run import record, writing
 from bayesdeg.run import stages as run
-from bayesdeg.run import writing
 from bayesdeg.run import writing as deciding
 from tests.pages.html_reading import read_html
 from tests.run.planted_offset import emulator, planted_study
@@ -274,6 +274,37 @@ def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
     if stage != OptionalStage.PAGE:
         page = read_html((out / "index.html").read_text(encoding="utf-8"))
         assert f"{stage}: {why}" in page.by_id("left-out").text
+
+
+WORK = {
+    OptionalStage.VERDICT: (judge, "run_search"),
+    OptionalStage.WHERE: (record, "where"),
+    OptionalStage.ORDERS: (experiment, "begin_examination"),
+    table_stage("bands"): (RunFolder, "write_table"),
+    posterior_stage("posterior"): (RunFolder, "write_posterior"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", WORK)
+def test_the_work_of_a_stage_is_inside_its_guard(
+    cheap, whole, stage, tmp_path, monkeypatch, capsys
+):
+    """Stages are broken above where they are begun; here in the middle of their work."""
+    place, name = WORK[stage]
+    function, written = getattr(place, name), WRITTEN.get(stage)
+
+    def broken(*args, **options):
+        if written is None or args[1] == written:
+            raise RuntimeError("broken on purpose")
+        return function(*args, **options)
+
+    monkeypatch.setattr(place, name, broken)
+    code, found = command_of(cheap, tmp_path / "run", monkeypatch)
+    assert code == 0, capsys.readouterr().err
+    left_out = RunFolder(tmp_path / "run").read_json("run")["left_out"]
+    assert [entry["stage"] for entry in left_out] == [stage]
+    assert stage not in found
 
 
 def assert_judged_as_far_as_known(stage, verdict):

@@ -117,6 +117,8 @@ def judged_kinds(model: JointModel) -> tuple[str, ...]:
 def all_else(model: JointModel, start: Floats) -> AllElse:
     """Return the law of the parameters given all but the data that a model is judged by.
 
+    The search for it begins at `start`, (n_parameters,).
+
     Raises
     ------
     ValueError

@@ -32,7 +32,7 @@ def conflict(model: JointModel, vectors: Floats) -> Conflict | None:
 
     with E and sd those of the posterior, which already includes the mean, so p is rather too large.
 
-    None if the model has no measured means.
+    Vectors (k, n_parameters) are posterior draws. None if the model has no measured means.
 
     References
     ----------
@@ -72,7 +72,8 @@ def questioned(model: JointModel, vectors: Floats) -> tuple[Questioned, ...]:
     posterior already includes the prior, so p is rather too large. A uniform or flat prior is never
     contradicted, nor is the prior of an error by readings that are more accurate.
 
-    Parameters of causes are left out: their sizes are judged with the causes.
+    Vectors (k, n_parameters) are posterior draws. Parameters of causes are left out: their sizes
+    are judged with the causes.
 
     References
     ----------

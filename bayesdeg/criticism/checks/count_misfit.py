@@ -105,7 +105,10 @@ def count_misfit(
     generator: np.random.Generator,
     source: str,
 ) -> CountMisfit:
-    """Compare counts of ruptures with those that a model expects."""
+    """Compare counts of ruptures with those that a model expects.
+
+    Vectors (n, n_parameters) are posterior draws; `source` says where the counts are from.
+    """
     chances = answered(chances_at(model, counts, vectors))
     return judged_counts(counts.tests, chances, generator, source)
 

@@ -176,7 +176,7 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
 
     Data sets (k, n_readings) have nan where the model had no answer.
     """
-    known, drawn = answered(simulated), len(simulated)
+    known, drawn = complete_sets(simulated), len(simulated)
     kernels = discrepancies(linear)
     statistic, best = largest_ratio(linear.observed[None], kernels)
     null, _ = largest_ratio(linear.whiten(known), kernels)
@@ -196,7 +196,7 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
     )
 
 
-def answered(simulated: Floats) -> Floats:
+def complete_sets(simulated: Floats) -> Floats:
     """Return the simulated data sets (k, n_readings) in which the model had every answer."""
     return simulated[np.all(np.isfinite(simulated), axis=1)]
 
@@ -223,7 +223,7 @@ def resolved(
     null, drawn = misfit.null, misfit.drawn
     while FEWEST <= len(null) < most and not is_clear(misfit.statistic, null, level):
         simulated = simulate(min(len(null), most - len(null)))
-        known = answered(simulated)
+        known = complete_sets(simulated)
         drawn += len(simulated)
         if not len(known):
             break
@@ -241,7 +241,7 @@ def power(linear: Linear) -> float:
     .. math:: 2 \Phi\left(\frac{\Phi^{-1}(p/2)}{\sqrt{1 + a^2 v}}\right), \qquad a = 0.5,
 
     at the level p = `MISFIT_LEVEL`. For a single reading, which the parameters can always match, it
-    is little more than p; for a curve it is nearly 1.
+    is little more than p, its least value; for a curve it is nearly 1.
     """
     largest = 0.0
     for _, _, root in discrepancy_roots(linear.subject.places, linear.subject.observed):

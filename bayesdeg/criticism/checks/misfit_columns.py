@@ -55,7 +55,8 @@ def misfit_columns(
 ) -> tuple[ColumnMisfit, ...]:
     """Return the misfit by column, the largest share first.
 
-    The columns are those of the family of the misfit; batches are by specimen, as far as known.
+    The columns are those of the family of the misfit; `simulated` (k, n_readings) are data sets
+    drawn from the posterior; batches are by specimen, as far as known.
     """
     ceiling = misfit.statistic - misfit.by_chance
     if ceiling <= 0.0 or not len(simulated):

@@ -199,8 +199,9 @@ def search_terms(
 ) -> tuple[Pick, ...]:
     """Return the best term, then the best in addition, while they exceed chance.
 
-    `null` (k, n) are whitened data without a misfit; without any, nothing is tested and all steps
-    are made. The last pick is the first that is explained by chance.
+    `observed` (n,) are the whitened data, `null` (k, n) such data without a misfit; without any,
+    nothing is tested and all steps are made. The last pick is the first that is explained by
+    chance.
     """
     found: list[Pick] = []
     directions = offered.whitened

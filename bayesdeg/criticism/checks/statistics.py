@@ -25,7 +25,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.chance import chance_of
-from bayesdeg.criticism.checks.discrepancy import answered
+from bayesdeg.criticism.checks.discrepancy import complete_sets
 from bayesdeg.criticism.checks.residuals import (
     ResidualStatistic,
     between_specimens,
@@ -443,7 +443,7 @@ def statistics_table(linear: Linear, simulated: Floats, drawn: int = 0) -> tuple
     Readings (k, n) simulated from the fitted model are nan where it had no answer; `drawn` is how
     many were simulated, where those were left out already.
     """
-    known = answered(simulated)
+    known = complete_sets(simulated)
     every = statistics_of(linear)
     if len(known) < FEWEST:
         why = f"{len(known)} of {drawn or len(simulated)} simulated data sets are too few"

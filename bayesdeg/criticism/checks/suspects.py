@@ -178,7 +178,7 @@ Refit = Callable[[Sequence[Suspect]], Floats | None]
 def hypotheses(
     subject: JointModel, vector: Floats, batches: Iterable[tuple[str, ...]] = ()
 ) -> tuple[Irregularity, ...]:
-    """Return the hypotheses of wrong readings of a model.
+    """Return the hypotheses of wrong readings of a model at a vector, (n_parameters,).
 
     Batches are specimens that have something in common beside their degradation rate.
     """
@@ -495,7 +495,7 @@ def film_density(subject: JointModel, vector: Floats, left_out: Iterable[str]) -
 
 
 def parts_of(subject: JointModel, vector: Floats) -> ReadingParts:
-    """Return the components of the readings of a model, linearised at a point."""
+    """Return the components of the readings of a model, linearised at a vector (n_parameters,)."""
     places, slopes = subject.places, jacobian_of(subject, vector) * _prior_widths(subject)
     prediction = subject.expected(vector[None])[0]
     roots = discrepancy_roots(places, prediction)

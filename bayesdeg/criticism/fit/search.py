@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.chance import chance_of, is_clear
-from bayesdeg.criticism.checks.discrepancy import Misfit, answered, measure, resolved
+from bayesdeg.criticism.checks.discrepancy import Misfit, complete_sets, measure, resolved
 from bayesdeg.criticism.fit.linear import Linear, is_seen, log_bayes_factor, sensitivities
 from bayesdeg.criticism.fit.screening import JointScreening, Screened, largest_by_chance, screen
 from bayesdeg.criticism.fit.side_by_side import apply, in_order
@@ -96,7 +96,7 @@ class Step:
         return min(self.threshold, max(LEAST_FACTOR, float(lower)))
 
     def chance_of(self, log_bayes_factor: float) -> float | None:
-        """Return the p-value of the best cause's gain if nothing acts, (1 + #)/(1 + k).
+        """Return the p-value of the best cause's gain [nats] if nothing acts, (1 + #)/(1 + k).
 
         None if no data were simulated.
         """
@@ -205,7 +205,7 @@ class Search:
         simulated = simulate(self.effort.replicates)
         misfit = resolved(measure(linear, simulated), linear, simulate, most=self.effort.most)
         others = [cause for cause in self.causes if cause.name not in names]
-        known = answered(simulated)
+        known = complete_sets(simulated)
         jobs = [(c, self._seed(names | {c.name}, 2)) for c in others]
         found = apply(partial(_screened, trial), jobs, self.executor)
         screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
@@ -236,7 +236,7 @@ class Search:
             count = len(step.chance)
             generator = np.random.default_rng(self._seed(names, 3 + count))
             more = max(min(count, self.effort.most - count), 0)
-            known = answered(_simulated(step.trial, generator, more))
+            known = complete_sets(_simulated(step.trial, generator, more))
             others = [cause for cause in self.causes if cause.name not in names]
             gains = factors_by_chance(step.trial.linear, others, known)
             if not len(gains):
@@ -361,7 +361,7 @@ def _as_refitted(linear: Linear, draws: Floats) -> Floats:
 def factors_by_chance(linear: Linear, causes: Iterable[Cause], replicates: Floats) -> Floats:
     """Return the largest log Bayes factor of all causes in each data set without an effect, (k,).
 
-    Of the data sets (k, n_readings); empty where there is no cause or no data set.
+    In nats, of the data sets (k, n_readings); empty where there is no cause or no data set.
     """
     whitened = linear.whiten(replicates)
     factors = [log_bayes_factor(whitened, sensitivities(linear, cause)) for cause in causes]

@@ -112,7 +112,7 @@ def standard_error(values: Floats) -> float:
 def specimen_density(
     model: JointModel, values: Named
 ) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
-    """Return log densities of all readings of each specimen.
+    """Return log densities of all readings of each specimen, from values by name, each (n,).
 
     Given the parameters, the readings of one specimen in different tables are independent, so that
     their log densities add up.
@@ -241,7 +241,8 @@ def recalibrated(
     An importance sample about its mode; one that begins with the posterior of all groups where that
     has too few draws, or had too few for all groups: what lies far from the mode has to be found
     with a group and without it, or their ratio says nothing; and emcee, without an evidence (nan),
-    where that has too few as well.
+    where that has too few as well. `start` (n_parameters,) is where the mode is sought; `effort`
+    is that of emcee.
 
     The start is near the mode, None where posterior mass lies far from it; `whole` is the posterior
     of all groups; `enough` effective draws are wanted.

@@ -53,6 +53,8 @@ class Scaling:
 def power_scaling(draws: Floats, scaling: Scaling) -> float:
     """Return the change of a quantity's distribution per doubling of the power of a density.
 
+    Draws are of shape (n_chains, n_draws).
+
     Examples
     --------
     >>> from scipy.stats import norm
