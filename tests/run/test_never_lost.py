@@ -151,7 +151,7 @@ KEPT = [
     (films, "compare_laws", None),
     (writing, "to_datatree", lambda model, *_args: len(model.table.names)),
     (writing, "decisions", None),
-    (writing, "life", lambda found: found.results.films.course is None),
+    (writing, "life", lambda found: found.results.course is None),
     (drawing, "inline_svg", lambda _figure, name, **_options: name),
 ]
 
