@@ -317,12 +317,10 @@ def compare(
             )
         if any(not np.array_equal(t.subject.observed, subject.observed) for t in trials):
             raise BayesdegError("models that are compared must have the same readings")
-        number, experiment = _seed(seed, base.seed), base.model.experiment
-        plans = (
-            one_by_one(trial, experiment.fold_seed(Streams.of(number).verdict)) for trial in trials
-        )
+        number, kind = _seed(seed, base.seed), base.model.kind
+        plans = (one_by_one(trial, kind.fold_seed(Streams.of(number).verdict)) for trial in trials)
         found = run_folds(plans, executor, lambda _: show.advance(1))
-    return experiment.gain(gain_table(subject, dict(zip(fits, found, strict=True))))
+    return kind.gain(gain_table(subject, dict(zip(fits, found, strict=True))))
 
 
 def predict(
@@ -376,7 +374,7 @@ def predict(
     """
     number, others = _seed(seed, _calibration(fit).seed), (pressure, degradation, hours)
     with _work(progress, 1, parallel=False) as (show, _):
-        if not fit.model.experiment.is_of_actuators:
+        if not fit.model.kind.is_of_actuators:
             if x is None or any(one is not None for one in others):
                 raise BayesdegError("a model with its own forward map requires x=...")
             show.stage("predicting")
@@ -457,7 +455,7 @@ def control(
     """
     number = _seed(seed, _calibration(fit).seed)
     _refuse_risk(max_risk)
-    if not fit.model.experiment.is_of_actuators:
+    if not fit.model.kind.is_of_actuators:
         others = (curvature, degradation, hours)
         if reading is None or x is None or any(one is not None for one in others):
             raise BayesdegError(
@@ -531,7 +529,7 @@ def lifetime(
     BayesdegError
         If a value is out of range, or the study has no course of degradation.
     """
-    if not _calibration(fit).model.experiment.is_of_actuators:
+    if not _calibration(fit).model.kind.is_of_actuators:
         raise BayesdegError("a model with its own forward map has no lifetime in the soil")
     _refuse_risk(max_risk)
     above = np.nextafter(0.0, 1.0)

@@ -16,9 +16,9 @@ import xarray as xr
 
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.analysis.calibrate import Fit
-from bayesdeg.analysis.experiment import Experiment, experiment_in, experiment_of
 from bayesdeg.analysis.films import course_of
 from bayesdeg.analysis.judge import Judgement
+from bayesdeg.analysis.model_kind import ModelKind, kind_of, kind_of_study
 from bayesdeg.assembly.assemble import Assembly, assemble_own
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.findings import Candidate
@@ -137,7 +137,7 @@ class Model:
             )
         else:
             found = cast(ForwardMap | None, self.forward)
-            assembly = experiment_in(self.data).assembled(self.data, found)
+            assembly = kind_of_study(self.data).assembled(self.data, found)
         object.__setattr__(self, "assembly", assembly)
         stated = self.causes
         object.__setattr__(self, "causes", ())
@@ -147,7 +147,7 @@ class Model:
         """Set the active causes; a user's forward map is tried with them."""
         object.__setattr__(self, "causes", tuple(causes))
         if self.causes:
-            self.experiment.try_out(self.density)
+            self.kind.try_out(self.density)
 
     @property
     def active(self) -> tuple[Cause, ...]:
@@ -155,9 +155,9 @@ class Model:
         return cast(tuple[Cause, ...], self.causes)
 
     @property
-    def experiment(self) -> Experiment:
+    def kind(self) -> ModelKind:
         """What it is of: films and actuators, or readings and a forward map of the user's."""
-        return experiment_of(self.assembly.model)
+        return kind_of(self.assembly.model)
 
     @property
     def density(self) -> JointModel:
@@ -196,7 +196,7 @@ class Model:
     def is_parallel_with(self, assembly: Assembly) -> bool:
         """Whether they can judge it with these candidates."""
         tried = (*self.active, *assembly.candidates)
-        return self.experiment.is_parallel(assembly.model, tried)
+        return self.kind.is_parallel(assembly.model, tried)
 
     def cause(self, given: Cause | str) -> Cause:
         """Return a cause by name, with the priors of the study, or a given cause unchanged.
@@ -208,11 +208,11 @@ class Model:
         """
         if isinstance(given, Cause):
             return given
-        known = {**self.experiment.catalogue}
+        known = {**self.kind.catalogue}
         known |= {one.name: one for one in (*self.assembly.causes, *self.active)}
         if given not in known:
             remedy = use_one_of(given, known) if known else "give the bayesdeg.Cause itself"
-            whose = "" if self.experiment.is_of_actuators else " of this model"
+            whose = "" if self.kind.is_of_actuators else " of this model"
             raise BayesdegError(f"there is no cause {given!r}{whose}; {remedy}")
         return known[given]
 
@@ -273,7 +273,7 @@ class Model:
         known = self.assembly
         listed: Iterable[Cause | str] = [causes] if isinstance(causes, str) else causes
         wanted = known.candidates if causes == "all" else [self.cause(one) for one in listed]
-        if not wanted and not self.experiment.is_of_actuators:
+        if not wanted and not self.kind.is_of_actuators:
             raise BayesdegError(
                 "a model with its own forward map has no candidate causes; give "
                 "criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
@@ -344,8 +344,8 @@ class Calibration:
             If the study has no actuator readings.
         """
         fit, model = self.fit, self.model
-        experiment, assembly = model.experiment, model.assembly
-        if not experiment.is_of_actuators:
+        kind, assembly = model.kind, model.assembly
+        if not kind.is_of_actuators:
             return Posterior(fit.model, self._kept)
         if not bends_actuators(fit.model.table.names):
             raise BayesdegError(
@@ -354,7 +354,7 @@ class Calibration:
             )
         final = Results(assembly, fit, fit, of_final(model.judgement, fit))
         averaged = with_average(final, Streams.of(self.seed).averaged, Guard(strict=True)).averaged
-        tested = experiment.tested(assembly.model, fit.model, assembly.study) or ModelEntry()
+        tested = kind.tested(assembly.model, fit.model, assembly.study) or ModelEntry()
         return replace(averaged or Posterior(fit.model, self._kept), tested=tested)
 
     def soil(self, progress: Progress) -> Soil:

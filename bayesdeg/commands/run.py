@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from bayesdeg.actuator.status import Backend
-from bayesdeg.analysis.experiment import experiment_in
+from bayesdeg.analysis.model_kind import kind_of_study
 from bayesdeg.assembly.outline import passed_over
 from bayesdeg.assembly.reading import read_study
 from bayesdeg.console import errors, output, say, shown
@@ -48,11 +48,11 @@ def run(
     """Do what `interface.run` says."""
     with shown(quiet) as progress:
         checked = with_options(read_study(study, progress), effort, seed)
-    experiment = experiment_in(checked)
-    own = not experiment.is_of_actuators
+    kind = kind_of_study(checked)
+    own = not kind.is_of_actuators
     if not own:
         refuse_cells(checked.settings, backend)
-    unlikely = experiment.doubts(checked)
+    unlikely = kind.doubts(checked)
     target, guard = out or Path("reports") / checked.name, Guard()
     # other processes do not know the functions of a study folder
     workers, scheduler = (1, None) if own else (workers, scheduler)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import bayesdeg
 from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.analysis.calibrate import Fit, refused_inputs
-from bayesdeg.analysis.experiment import experiment_of
+from bayesdeg.analysis.model_kind import kind_of
 from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.data.settings import Known
 from bayesdeg.data.study import Study
@@ -118,11 +118,11 @@ def run_document(
     """Return the content of ``run.json``: versions, seed, hashes, effort, times, counts."""
     settings, judgement = study.settings, results.judgement
     guard, doubted = guard or Guard(strict=True), doubted or InDoubt()
-    base, experiment = results.base.model, experiment_of(results.base.model)
+    base, kind = results.base.model, kind_of(results.base.model)
     expected = results.counts_expected
     compared = guard.attempt(OptionalStage.COMPARISONS, comparisons, study, results.final, expected)
-    degrades = experiment.degrades(study)
-    model = experiment.tested(base, results.final.model, study)
+    degrades = kind.degrades(study)
+    model = kind.tested(base, results.final.model, study)
     if model is not None and results.averaged is not None:
         model = model.model_copy(update={"averaged": results.averaged.members})
     return RunRecord(
@@ -141,7 +141,7 @@ def run_document(
         memory=peaks_of_memory(),
         counts=draw_counts(results) | _proposal_counts(results),
         missing=tuple(MissingEntry(what=w, cost=c) for w, c in results.assembly.missing),
-        rests_on=experiment.basis(study, base),
+        rests_on=kind.basis(study, base),
         convergence={
             label: ConvergenceEntry(
                 r_hat_max=max(fit.diagnosis.r_hat),
@@ -153,7 +153,7 @@ def run_document(
         },
         emulator=emulator_entry(results, guard),
         model=model,
-        forward=experiment.source(base),
+        forward=kind.source(base),
         forward_map=doubted.forward_map,
         misfit=StatisticEntry(
             observed=None if judgement is None else judgement.misfit.statistic,

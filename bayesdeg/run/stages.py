@@ -21,7 +21,6 @@ from bayesdeg.actuator.reading import mechanics_of
 from bayesdeg.analysis.averaged import averaged
 from bayesdeg.analysis.calibrate import Fit, awake, base_without_chain, calibrate
 from bayesdeg.analysis.checks import check
-from bayesdeg.analysis.experiment import experiment_in, experiment_of
 from bayesdeg.analysis.judge import (
     COUNT_DRAWS,
     JUDGE_EFFORTS,
@@ -31,6 +30,7 @@ from bayesdeg.analysis.judge import (
     judge,
     with_sampled_sizes,
 )
+from bayesdeg.analysis.model_kind import kind_of, kind_of_study
 from bayesdeg.assembly.aside import set_aside
 from bayesdeg.assembly.assemble import Assembly, assemble
 from bayesdeg.assembly.reach import assemble_within_reach
@@ -320,7 +320,7 @@ def conclude(
         geometry = geometry_of_study(study.settings)
         pictures = guard.attempt(OptionalStage.DEFORMED, begin, final, geometry, executor)
     if full:
-        begun = experiment_of(results.base.model).begin_films
+        begun = kind_of(results.base.model).begin_films
         films = (study, results.base.model, seeds.films, executor)
         examined = guard.attempt(OptionalStage.ORDERS, begun, *films)
     progress.stage("posteriors")
@@ -433,7 +433,7 @@ def judged_fit(
     Linear algebra uses one thread, so that results are the same bits on every machine.
     """
     with threadpool_limits(limits=1):
-        return experiment_of(assembly.model).judge(
+        return kind_of(assembly.model).judge(
             *(assembly, base, effort, seed), progress=progress, executor=executor, guard=guard
         )
 
@@ -441,7 +441,7 @@ def judged_fit(
 def fingerprint(study: Study, forward: Surrogate | None = None) -> str:
     """Return a hash of all inputs of a run."""
     settings = study.settings
-    emulator = experiment_in(study).surrogate_bytes(forward)
+    emulator = kind_of_study(study).surrogate_bytes(forward)
     content = json.dumps(
         [
             bayesdeg.__version__,

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 import bayesdeg
 from bayesdeg.analysis.calibrate import Fit
-from bayesdeg.analysis.experiment import experiment_of
+from bayesdeg.analysis.model_kind import kind_of
 from bayesdeg.assembly.aside import readings_at
 from bayesdeg.assembly.assemble import Assembly, assemble
 from bayesdeg.assembly.outline import outline
@@ -728,7 +728,7 @@ def _finish(
 ) -> None:
     """Write the rows, the unchanged verdict and, last, the run record."""
     base = results.base.model
-    experiment = experiment_of(base)
+    kind = kind_of(base)
     found, entry, unlikely = what
     write_bytes(folder.path / ADDED, found.added)
     doubted = guard.attempt(OptionalStage.IN_DOUBT, in_doubt, results, unlikely) or InDoubt()
@@ -758,10 +758,10 @@ def _finish(
         "emulator": emulator,
         "seconds": {**of.run.seconds, "update": round(time.perf_counter() - begun, 2)},
         "memory": {**of.run.memory, **peaks_of_memory("update")},
-        "rests_on": experiment.basis(after, base),
+        "rests_on": kind.basis(after, base),
         "comparisons": tuple(compared),
         "convergence": {**of.run.convergence, **convergence},
-        "model": experiment.tested(base, results.final.model, after),
+        "model": kind.tested(base, results.final.model, after),
         "posteriors": folder.posterior_hashes(),
         "left_out": lost,
         "update": entry,

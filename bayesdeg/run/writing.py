@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.analysis.averaged import stored_form
 from bayesdeg.analysis.calibrate import Fit, Sampled
-from bayesdeg.analysis.experiment import experiment_of
 from bayesdeg.analysis.judge import Judgement
+from bayesdeg.analysis.model_kind import kind_of
 from bayesdeg.assembly.aside import is_set_aside
 from bayesdeg.assembly.assemble import level_grid
 from bayesdeg.criticism.checks import statistics as residual_statistics
@@ -514,7 +514,7 @@ def life(found: "TableSources") -> pd.DataFrame | None:
     if not found.has_actuators or found.soil is None:
         return None
     base = found.results.base.model
-    tested = experiment_of(base).tested(base, fit.model, found.study) or ModelEntry()
+    tested = kind_of(base).tested(base, fit.model, found.study) or ModelEntry()
     posterior = Posterior(fit.model, fit.chain, tested)
     pressure = DUTY_SHARE * fit.model.world.largest_pressure
     specimens = draw_specimens(fit.model, fit.chain, found.generator, draws=LIFE_DRAWS)
@@ -640,7 +640,7 @@ def write_results(
         files.posterior(POSTERIOR_COURSE, results.course, generator, kept=kept)
     if results.averaged is not None:
         files.tree(POSTERIOR_AVERAGED, partial(stored_form, results.averaged))
-    without = experiment_of(results.base.model).without
+    without = kind_of(results.base.model).without
     frames = {
         name: files.table(name, partial(build, found))
         for name, build in BUILDS.items()

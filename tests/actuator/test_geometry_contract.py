@@ -223,10 +223,11 @@ def test_a_segment_pressed_in_both_halves_does_not_bend(name, bent):
     assert np.all(one.bend_angle > bent)
 
 
+ASSEMBLED_TWICE = ("ribbed", "ribbed without layer", "ribbed with a slab", "channels", "round")
+
+
 @pytest.mark.fem
-@pytest.mark.parametrize(
-    "name", ["ribbed", "ribbed without layer", "ribbed with a slab", "channels", "round"]
-)
+@pytest.mark.parametrize("name", ASSEMBLED_TWICE)
 def test_both_assemblies_solve_the_same_curve(name):
     """See also test_weak_form.py; the weak form knows no tetrahedra."""
     ours = Actuator(build_mesh(GEOMETRIES[name], ONE_ELEMENT_A_WALL))

@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 
-from bayesdeg.analysis.experiment import ActuatorExperiment
 from bayesdeg.analysis.films import course_of
+from bayesdeg.analysis.model_kind import ActuatorKind
 from bayesdeg.assembly.assemble import assemble
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import approximate
@@ -65,7 +65,7 @@ def write_run(path, study, *, causes=("pressure_offset",), course=False, chain=c
                 seed=7,
                 effort="quick",
                 hashes=dict(study.hashes),
-                model=ActuatorExperiment().tested(base, final, study),
+                model=ActuatorKind().tested(base, final, study),
                 emulator=training,
                 posteriors=folder.posterior_hashes(),
             )

@@ -11,7 +11,7 @@ import pytest
 
 from bayesdeg import cli
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.analysis import experiment, films, judge
+from bayesdeg.analysis import films, judge, model_kind
 from bayesdeg.commands import run as command
 from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.holdout import leave_one_out
@@ -136,7 +136,7 @@ def has_table(figure, shown):
 
 KEPT = [
     (run, "calibrate", lambda _model, name, **_options: name),
-    (experiment, "base_of", None),
+    (model_kind, "base_of", None),
     (judge, "Search", None),
     (judge, "held_out_and_all", None),
     (judge, "absorption", None),
@@ -165,7 +165,7 @@ def cheap(tmp_path_factory):
         patch.setenv(STRICT, "0")
         patch.setattr(command, "emulator_for", lambda *_args, **_options: emulator())
         short = replace(run.EFFORTS["quick"], effective=1.0, r_hat=9.0, longest=60, chunk=30)
-        for module in (run, experiment):
+        for module in (run, model_kind):
             patch.setattr(module, "JUDGE_EFFORTS", {"quick": EFFORT})
             patch.setattr(module, "EFFORTS", {"quick": short})
         patch.setattr(Tensile, "beside", False)
@@ -279,7 +279,7 @@ def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
 WORK = {
     OptionalStage.VERDICT: (judge, "run_search"),
     OptionalStage.WHERE: (record, "where"),
-    OptionalStage.ORDERS: (experiment, "begin_examination"),
+    OptionalStage.ORDERS: (model_kind, "begin_examination"),
     table_stage("bands"): (RunFolder, "write_table"),
     posterior_stage("posterior"): (RunFolder, "write_posterior"),
 }

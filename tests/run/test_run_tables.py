@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from bayesdeg.analysis.calibrate import Fit
-from bayesdeg.analysis.experiment import ActuatorExperiment, bases
+from bayesdeg.analysis.model_kind import ActuatorKind, bases
 from bayesdeg.assembly.assemble import assemble
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.residuals import CurvatureFit
@@ -240,7 +240,7 @@ def test_statements_name_the_data_that_they_rest_on(study, tmp_path):
     virtual = study_in(tmp_path, {"study.toml": SETTINGS + "virtual = true\n"})
     found = list(bases(virtual, assemble(virtual).model))
     assert [basis.virtual for basis in found] == [bool(basis.count) for basis in found]
-    said = ActuatorExperiment().basis(virtual, assemble(virtual).model)
+    said = ActuatorKind().basis(virtual, assemble(virtual).model)
     rows = {row.statement: row.rests_on for row in said}
     assert len(rows) == len(found)
     for basis, (statement, data) in zip(found, rows.items(), strict=True):

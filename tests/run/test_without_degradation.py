@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bayesdeg import cli
-from bayesdeg.analysis import experiment
+from bayesdeg.analysis import model_kind
 from bayesdeg.assembly.assemble import assemble
 from bayesdeg.assembly.outline import outline
 from bayesdeg.commands import run as command
@@ -150,7 +150,7 @@ def finished(tmp_path_factory):
     words = ["bayesdeg", "run", str(folder), "--out", str(out / "run"), "--workers", "1"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "emulator_for", lambda *_args, **_options: emulator())
-        for module in (run, experiment):
+        for module in (run, model_kind):
             patch.setattr(module, "JUDGE_EFFORTS", {"quick": EFFORT})
             patch.setattr(module, "EFFORTS", {"quick": short})
         patch.setattr(writing, "write_deformed", coarse)

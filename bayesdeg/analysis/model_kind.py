@@ -109,7 +109,7 @@ def bases(study: Study, model: JointModel) -> Iterator[Basis]:
                 yield Basis("summary.csv", quantities=tuple(sorted(quantities)), use=use)
 
 
-class Experiment(Protocol):
+class ModelKind(Protocol):
     """What a run is of; what a class does not override is that of films and actuators."""
 
     is_of_actuators: bool = True
@@ -240,11 +240,11 @@ class Experiment(Protocol):
         return study.degrades
 
 
-class ActuatorExperiment(Experiment):
+class ActuatorKind(ModelKind):
     """Films and actuators."""
 
 
-class OwnExperiment(Experiment):
+class OwnMapKind(ModelKind):
     """Readings and a forward map of one's own."""
 
     is_of_actuators = False
@@ -346,14 +346,14 @@ class OwnExperiment(Experiment):
         return True
 
 
-def experiment_of(model: JointModel) -> Experiment:
+def kind_of(model: JointModel) -> ModelKind:
     """Return what a model is of."""
-    return ActuatorExperiment() if isinstance(model.world, FilmsAndActuators) else OwnExperiment()
+    return ActuatorKind() if isinstance(model.world, FilmsAndActuators) else OwnMapKind()
 
 
-def experiment_in(study: Study) -> Experiment:
+def kind_of_study(study: Study) -> ModelKind:
     """Return what a study is of."""
-    return ActuatorExperiment() if study.settings.forward is None else OwnExperiment()
+    return ActuatorKind() if study.settings.forward is None else OwnMapKind()
 
 
 def _map_of(model: JointModel) -> UserMap:
