@@ -284,8 +284,8 @@ def test_draws_of_another_density_are_refused(places, bayesdeg):
 
 
 def test_added_rows_that_were_changed_are_refused(places, updated, bayesdeg):
-    folder, _, file = places
-    once = shutil.copytree(updated[1].folder, folder / "once")
+    folder, report, file = places
+    once = shutil.copytree(updated[1].folder, report.with_name("once"))
     path = once / "added.csv"
     path.write_text(path.read_text() + "\n", encoding="utf-8")
     code, _, said = bayesdeg("update", once, folder / "new.csv", "--emulator", file)
