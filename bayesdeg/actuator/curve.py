@@ -81,6 +81,7 @@ class PathRecord:
     ) -> None:
         self._mesh, self._problem, self._solver = mesh, problem, solver
         self._shapes, self._held, self._enough = shapes, held, enough
+        self._tip = tip_edge(mesh) if held else np.empty(0, np.int64)
         self._is_smooth = is_smooth
         self._angle = 0.0
         self.loads, self.readings = list[float](), list[Floats]()
@@ -91,7 +92,7 @@ class PathRecord:
         if step.factors is None or step.rate is None:
             return
         if self._held:
-            share, held = self._mesh.share, tip_edge(self._mesh)
+            share, held = self._mesh.share, self._tip
             residual = self._problem.linearise(step.state, tangent=False).force
             values = share * residual[held, 2].sum(keepdims=True)
             gradients = share * reaction_derivatives(

@@ -13,20 +13,22 @@ import pandas as pd
 from bayesdeg.actuator.families import geometry_of_study
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.reading import mechanics_of
-from bayesdeg.analysis.calibrate import Fit, base_of
+from bayesdeg.analysis.calibrate import Fit, base_of, base_without_chain
 from bayesdeg.analysis.films import Examination, begin_examination
-from bayesdeg.analysis.judge import JUDGE_EFFORTS, OWN_EFFORTS, Judgement, judge, judge_model
+from bayesdeg.analysis.judge import JUDGE_EFFORTS, OWN_EFFORTS
 from bayesdeg.assembly.assemble import Assembly, assemble
 from bayesdeg.assembly.outline import outline
 from bayesdeg.assembly.suspects import assemble_screened
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.checks.count_misfit import can_be_counted
+from bayesdeg.criticism.fit.search import SearchEffort
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.plausibility import Doubt, doubts, names_alike, refuse_impossible
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
-from bayesdeg.inference.own_map import UserMap, probe, user_map
+from bayesdeg.inference.own_map import own_map_of, probe
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.means import Means
@@ -34,13 +36,11 @@ from bayesdeg.observations.published import RSquared
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.pages import tables as columns
 from bayesdeg.pages.headline import forward_map_words
-from bayesdeg.pages.left_out import Guard
 from bayesdeg.pages.record import BasisEntry, ModelEntry
 from bayesdeg.pages.tables import ALL_LEVELS
 from bayesdeg.pages.wording import sentences
 from bayesdeg.prediction.predictive import specimens_tested
 from bayesdeg.prediction.stored import model_document
-from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
 from bayesdeg.surrogate.kept import refuse_whole_range
 from bayesdeg.surrogate.surrogate import Surrogate
@@ -170,27 +170,15 @@ class ModelKind(Protocol):
 
     # ---- verdict
 
-    def judge(
-        self,
-        assembly: Assembly,
-        base: Fit,
-        effort: Effort,
-        seed: np.random.SeedSequence,
-        *,
-        progress: Progress,
-        executor: Executor | None,
-        guard: Guard,
-    ) -> Judgement:
-        """Judge a calibrated base model; parameters as of `bayesdeg.analysis.judge.judge`."""
-        return judge(
-            assembly,
-            base_of(base),
-            effort=JUDGE_EFFORTS[effort],
-            seed=seed,
-            progress=progress,
-            executor=executor,
-            guard=guard,
-        )
+    def search_effort(self, effort: Effort) -> SearchEffort:
+        """Return what the search for causes may cost."""
+        return JUDGE_EFFORTS[effort]
+
+    def start_of_search(
+        self, base: Fit, seed: np.random.SeedSequence
+    ) -> tuple[CandidateFit, np.random.SeedSequence]:
+        """Return the base model as the search takes it, and the seed of the search."""
+        return base_of(base), seed
 
     def fold_seed(self, verdict: np.random.SeedSequence) -> np.random.SeedSequence:
         """Return the seed with which a verdict holds out data."""
@@ -273,25 +261,16 @@ class OwnMapKind(ModelKind):
         return b""
 
     @override
-    def judge(
-        self,
-        assembly: Assembly,
-        base: Fit,
-        effort: Effort,
-        seed: np.random.SeedSequence,
-        *,
-        progress: Progress,
-        executor: Executor | None,
-        guard: Guard,
-    ) -> Judgement:
-        return judge_model(
-            assembly.model,
-            assembly.candidates,
-            seed=_of_study(seed),
-            effort=OWN_EFFORTS[effort],
-            progress=progress,
-            guard=guard,
-        )
+    def search_effort(self, effort: Effort) -> SearchEffort:
+        return OWN_EFFORTS[effort]
+
+    @override
+    def start_of_search(
+        self, base: Fit, seed: np.random.SeedSequence
+    ) -> tuple[CandidateFit, np.random.SeedSequence]:
+        of_study = _of_study(seed)
+        start = base_without_chain(base.model, np.random.SeedSequence(of_study))
+        return start, np.random.SeedSequence(of_study)
 
     @override
     def fold_seed(self, verdict: np.random.SeedSequence) -> np.random.SeedSequence:
@@ -322,7 +301,7 @@ class OwnMapKind(ModelKind):
 
     @override
     def basis(self, study: Study, model: JointModel) -> tuple[BasisEntry, ...]:
-        own = _map_of(model)
+        own = own_map_of(model)
         given = "readings given in Python" if study.settings.forward is None else "readings.csv"
         origin = "virtual experiment" if study.settings.virtual else "measured"
         counts = [len(np.unique(block.places.specimen)) for block in own.readings]
@@ -339,7 +318,7 @@ class OwnMapKind(ModelKind):
 
     @override
     def source(self, model: JointModel) -> str:
-        return _map_of(model).source
+        return own_map_of(model).source
 
     @override
     def degrades(self, study: Study) -> bool:
@@ -354,12 +333,6 @@ def kind_of(model: JointModel) -> ModelKind:
 def kind_of_study(study: Study) -> ModelKind:
     """Return what a study is of."""
     return ActuatorKind() if study.settings.forward is None else OwnMapKind()
-
-
-def _map_of(model: JointModel) -> UserMap:
-    found = user_map(model)
-    assert found is not None
-    return found
 
 
 def _of_study(seed: np.random.SeedSequence) -> int:

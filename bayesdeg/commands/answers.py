@@ -17,6 +17,7 @@ from bayesdeg.commands.options import Asking
 from bayesdeg.console import output, say
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.files import spreadsheet_safe, written
+from bayesdeg.inference.own_map import own_map_of
 from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.output import output_file
 from bayesdeg.pages.wording import number
@@ -247,7 +248,7 @@ def ask_own(
                 "--x NAME=VALUES"
             )
     stored = posterior_asked(report, asking)
-    block = own.map_of(stored).readings[0]
+    block = own_map_of(stored.model).readings[0]
     seed = seed_of(stored, asking)
     if not inverse:
         found = own.predict(stored, inputs_of(x or [], list(block.x)), seed)

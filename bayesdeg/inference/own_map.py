@@ -315,6 +315,13 @@ def user_map(model: JointModel) -> UserMap | None:
     return made_of if isinstance(made_of, UserMap) else None
 
 
+def own_map_of(model: JointModel) -> UserMap:
+    """Return the user's forward map, which a model of films or actuators does not have."""
+    found = user_map(model)
+    assert found is not None
+    return found
+
+
 def probe(model: JointModel) -> None:
     """Evaluate a forward map once, to report a wrong shape before anything is computed.
 

@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdeg.errors import BayesdegError
-from bayesdeg.inference.own_map import Readings, UserMap, as_inputs, columns_of, user_map
+from bayesdeg.inference.own_map import Readings, as_inputs, columns_of, own_map_of
 from bayesdeg.prediction.forecast import BAND_COLUMNS, Forecast, stream_of
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.predictive import QUANTILES
@@ -17,20 +17,13 @@ Floats = NDArray[np.float64]
 PREDICTIVE = 2000  # draws
 
 
-def map_of(posterior: Posterior) -> UserMap:
-    """Return the user's forward map, which a posterior of films or actuators does not have."""
-    found = user_map(posterior.model)
-    assert found is not None
-    return found
-
-
 def _new_specimens(
     posterior: Posterior, block: Readings, x: Any, generator: np.random.Generator
 ) -> Floats:
     """Draw what new specimens would show at x, without reading error, (k, n)."""
     draws = posterior.chain.vectors.reshape(-1, posterior.chain.vectors.shape[-1])
     vectors = draws[generator.integers(len(draws), size=PREDICTIVE)]
-    mean = map_of(posterior).at(posterior.model, block, x).expected(vectors)
+    mean = own_map_of(posterior.model).at(posterior.model, block, x).expected(vectors)
     values = posterior.model.table.named(vectors)
     if f"{block.name}_scatter" not in values:
         return mean
@@ -45,7 +38,7 @@ def predict(posterior: Posterior, x: Any, seed: int) -> Forecast:
     ``x`` is an array, a DataFrame or a mapping of names to arrays.
     """
     generator, at, frames = np.random.default_rng(stream_of(seed)), as_inputs(x), []
-    blocks = map_of(posterior).readings
+    blocks = own_map_of(posterior.model).readings
     for block in blocks:
         draws = _new_specimens(posterior, block, at, generator)
         inputs = {n: np.asarray(column) for n, column in columns_of(at) if np.ndim(column) == 1}
@@ -78,7 +71,7 @@ def control(posterior: Posterior, wanted: ArrayLike, x: Any, seed: int) -> Forec
     BayesdegError
         If there are several kinds of readings, or fewer than two inputs.
     """
-    blocks = map_of(posterior).readings
+    blocks = own_map_of(posterior.model).readings
     if len(blocks) > 1:
         raise BayesdegError("control needs a model of one kind of readings; give one at a time")
     at, block = as_inputs(x), blocks[0]

@@ -433,8 +433,16 @@ def judged_fit(
     Linear algebra uses one thread, so that results are the same bits on every machine.
     """
     with threadpool_limits(limits=1):
-        return kind_of(assembly.model).judge(
-            *(assembly, base, effort, seed), progress=progress, executor=executor, guard=guard
+        kind = kind_of(assembly.model)
+        start, seed = kind.start_of_search(base, seed)
+        return judge(
+            assembly,
+            start,
+            effort=kind.search_effort(effort),
+            seed=seed,
+            progress=progress,
+            executor=executor,
+            guard=guard,
         )
 
 

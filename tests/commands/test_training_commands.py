@@ -338,7 +338,7 @@ def test_what_an_earlier_version_trained_is_refined(here, bayesdeg, pipeline, mo
     assert len(kept()) == 1
 
 
-def test_what_a_former_version_fitted_is_fitted_anew(here, bayesdeg, pipeline):
+def test_a_fit_of_an_earlier_version_is_fitted_again(here, bayesdeg, pipeline):
     """From the curves that are solved."""
     bayesdeg("run", "study", "--workers", 1)
     (own,), curves = kept(), solved()

@@ -91,8 +91,8 @@ def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, 
             for label, correlation in shapes:
                 kernel = correlation * np.outer(envelope[rows], envelope[rows])
                 # a factor of low rank, by Cholesky with pivots
-                least = SMALLEST * float(np.diag(kernel).max())
-                factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=least)
+                tolerance = SMALLEST * float(np.diag(kernel).max())
+                factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=tolerance)
                 whole = np.zeros((len(rows), rank))
                 whole[np.flatnonzero(rows)[pivots - 1]] = np.tril(factor)[:, :rank]
                 yield family, label, whole

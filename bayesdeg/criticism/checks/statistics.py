@@ -137,16 +137,19 @@ def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
         "the pressures are too few to tell it from a ratio",
         neutral=1.0,
     )
-    degradation = ResidualStatistic(
-        "trend of the residual with degradation",
-        "% per 10 points",
-        "degraded actuators bend more than simulated: as with eroded walls, or with degradation "
-        "rates read too high",
-        "degraded actuators bend less than simulated: as with a stiff degraded skin, or with "
-        "degradation rates read too low",
-        regression(linear, bench.excess(degraded), bench.size),
-        "needs actuators at several degradation rates",
-    )
+    degradation = []
+    if linear.subject.world.degrades:
+        trend = ResidualStatistic(
+            "trend of the residual with degradation",
+            "% per 10 points",
+            "degraded actuators bend more than simulated: as with eroded walls, or with "
+            "degradation rates read too high",
+            "degraded actuators bend less than simulated: as with a stiff degraded skin, or with "
+            "degradation rates read too low",
+            regression(linear, bench.excess(degraded), bench.size),
+            "needs actuators at several degradation rates",
+        )
+        degradation = [trend]
     scatter = ResidualStatistic(
         "variance between specimens, over the model's",
         "–",
@@ -182,7 +185,7 @@ def actuator_statistics(linear: Linear) -> tuple[ResidualStatistic, ...]:
         slopes,
         _hysteresis(bench),
         _time(bench),
-        *([degradation] if linear.subject.world.degrades else []),
+        *degradation,
         scatter,
         against_angle,
         cycles,

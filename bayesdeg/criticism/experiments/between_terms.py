@@ -114,11 +114,12 @@ def term_trials(
     Of the first term found, those that fit as well are in question. Empty where fewer than two
     terms of actuators are in question.
     """
-    in_question: list[tuple[KnownTerm, float]] = []
-    for first in found.terms[:1]:  # the term that was taken, and those that fit as well
-        both = [(first.term, first.size), *((one.term, one.size) for one in first.alike)]
-        in_question = [(term, size) for term, size in both if term.family == ACTUATOR][:IN_QUESTION]
-    if len(in_question) < 2 or not isinstance(trial.subject.world, FilmsAndActuators):
+    if not found.terms or not isinstance(trial.subject.world, FilmsAndActuators):
+        return ()
+    first = found.terms[0]  # the term that was taken, and those that fit as well
+    both = [(first.term, first.size), *((one.term, one.size) for one in first.alike)]
+    in_question = [(term, size) for term, size in both if term.family == ACTUATOR][:IN_QUESTION]
+    if len(in_question) < 2:
         return ()
     causes = [term_cause(trial.linear, term, size) for term, size in in_question]
     sizes = [np.array([size]) for _, size in in_question]

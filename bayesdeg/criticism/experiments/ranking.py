@@ -366,7 +366,7 @@ def predictive_readings(
     """Return the law of the readings under each hypothesis, and readings drawn under it.
 
     From models with named draws of their parameters (n,); empty where too little of the readings
-    can be foretold.
+    can be predicted.
     """
     expected = [measurement.expected(model, values) for model, values in hypotheses]
     answered = [np.mean(np.isfinite(one), axis=0) >= ANSWERED for one in expected]
