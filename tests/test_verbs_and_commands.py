@@ -107,6 +107,7 @@ def assert_same(ours, theirs, tolerance=1e-6):
             assert one.fillna("").tolist() == other.fillna("").tolist(), name
 
 
+@pytest.mark.long
 def test_criticise_and_run_come_to_the_same_verdict(run, fits):
     theirs, ours = run.read_verdict(), fits[1].document
     assert theirs.predicted_with == ("dry_embrittlement", "pressure_offset")

@@ -135,6 +135,7 @@ def test_the_pressure_does_the_work_that_the_residual_says():
     assert np.sum(problem.cavity_gradient(rest) * direction) == pytest.approx(slope, rel=1e-8)
 
 
+@pytest.mark.long
 @pytest.mark.fem
 @pytest.mark.slow
 def test_finer_meshes_converge_and_a_round_bar_differs_from_its_block():

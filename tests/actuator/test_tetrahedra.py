@@ -318,6 +318,7 @@ def test_it_is_drawn_as_the_bricks_are_and_no_wall_grows_into_the_cavity(tmp_pat
     assert air[1] == pytest.approx(air[0], rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.fem
 def test_they_come_to_the_bricks_as_the_mesh_is_refined(tmp_path):
     """Against bricks of 1.2 mm at 20 to 180 kPa: curvatures are 8, 5 and 2 % too small."""

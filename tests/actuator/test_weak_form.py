@@ -204,7 +204,7 @@ def test_equations_are_evaluated_alike_without_their_tangent(twins, random_state
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", [{}, {"wall_factor": 1.15, "erosion": 0.1}])
-@pytest.mark.parametrize("name", ["fresh", "every_effect"])
+@pytest.mark.parametrize("name", ["fresh", pytest.param("every_effect", marks=pytest.mark.long)])
 def test_a_whole_curve(pair, fresh, every_effect, name, shape):
     material = replace({"fresh": fresh, "every_effect": every_effect}[name], **shape)
     ours, theirs = (a.solve(Curve((0.1, 0.2, 0.4, 0.6), material)) for a in pair)
@@ -216,6 +216,7 @@ def test_a_whole_curve(pair, fresh, every_effect, name, shape):
     np.testing.assert_allclose(theirs.rates, ours.rates, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_same_limit_point(thin_walled, fresh):
     """Volume control on the way, which ends with an indefinite tangent."""

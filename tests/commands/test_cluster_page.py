@@ -34,6 +34,7 @@ def run_script(folder, pool=POOL):
     return ended.stdout.splitlines(), contents(folder / ".cache" / "my_campaign")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_the_script_gives_the_same_bytes_over_two_processes_and_in_one(tmp_path):
@@ -49,6 +50,7 @@ def test_the_script_gives_the_same_bytes_over_two_processes_and_in_one(tmp_path)
     assert run_script(tmp_path / "one", "pool(1)") == (lines, store)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_the_script_gives_the_same_bytes_over_a_cluster(tmp_path):

@@ -117,6 +117,7 @@ def test_run_writes_the_folder_prints_json_and_resumes(undisturbed):
     assert (target / "index.html").exists()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_workers_do_not_change_the_result(undisturbed, tmp_path):
     study, _, target, draws = undisturbed

@@ -80,6 +80,7 @@ def test_its_data_say_that_they_are_virtual():
         assert file.read_text(encoding="utf-8").startswith("# virtual experiment")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_run_of_it_names_what_is_hidden(tmp_path):
     write_starter(tmp_path / "mine")

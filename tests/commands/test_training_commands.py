@@ -133,6 +133,7 @@ def test_emulate_trains_on_either_assembly_and_mixes_no_solutions(here, bayesdeg
         np.testing.assert_allclose(found.gradients[-1], expected.gradients[-1], rtol=0.1, atol=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_run_takes_no_emulator_of_another_assembly(here, bayesdeg, pipeline):
     code, _, err = bayesdeg("run", "study", "--workers", 1, "--yes")
@@ -295,6 +296,7 @@ def test_rounds_end_where_further_curves_mend_nothing(error_pct, outside, before
     assert training._is_good(asked(outside), design, 1.0, earlier) is good
 
 
+@pytest.mark.long
 def test_training_ends_with_fine_curves_at_the_posterior(here, bayesdeg, pipeline, monkeypatch):
     monkeypatch.setattr(training, "LAST_ROUNDS", 1)
     code, _, err = bayesdeg("run", "study", "--workers", 1)
@@ -312,6 +314,7 @@ def test_training_ends_with_fine_curves_at_the_posterior(here, bayesdeg, pipelin
     assert "finite element" not in err
 
 
+@pytest.mark.long
 def test_an_emulator_stays_where_too_few_curves_refine_it(here, bayesdeg, pipeline, monkeypatch):
     def refine(*_):
         raise TooFewCurvesError("2 curves are too few")
@@ -329,6 +332,7 @@ def test_an_emulator_stays_where_too_few_curves_refine_it(here, bayesdeg, pipeli
     assert "2 curves" not in err  # it is not tried again
 
 
+@pytest.mark.long
 def test_what_an_earlier_version_trained_is_refined(here, bayesdeg, pipeline, monkeypatch):
     bayesdeg("run", "study", "--workers", 1)
     monkeypatch.setattr(training, "LAST_ROUNDS", 1)
@@ -353,6 +357,7 @@ def test_a_fit_of_an_earlier_version_is_fitted_again(here, bayesdeg, pipeline):
     assert (kept(), solved()) == ([own], curves)
 
 
+@pytest.mark.long
 def test_an_emulator_of_another_study_is_used_where_it_is_good(
     here, bayesdeg, pipeline, monkeypatch
 ):
@@ -499,6 +504,7 @@ def test_on_a_terminal_it_is_asked_and_a_no_starts_nothing(here):
     assert not CACHED.exists()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_yes_goes_on_without_a_question(here):
     code, shown = on_terminal(here, b"", "emulate", "tiny.toml", "--workers", 1, "--yes")
@@ -555,6 +561,7 @@ def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here
     assert cached_path(GEOMETRY, replace(RECIPE, coarse_runs=runs)).exists()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_whole_way_from_a_geometry_to_an_emulator(tmp_path, bayesdeg, monkeypatch):
     """Nothing is replaced but meshes and numbers of curves."""

@@ -185,6 +185,7 @@ def inputs_of(shape=(1, 1, 1), **dimensions):
     )
 
 
+@pytest.mark.long
 @pytest.mark.fem
 @pytest.mark.slow
 def test_run_trains_the_departure_and_goes_on_where_it_stopped(trains):
@@ -233,6 +234,7 @@ def test_run_trains_the_departure_and_goes_on_where_it_stopped(trains):
 TINY_PNEUNET = Recipe(COARSE, FINE, coarse_runs=8, fine_runs=2, further=False)
 
 
+@pytest.mark.long
 @pytest.mark.fem
 def test_of_the_default_actuator_only_moved_curves_and_their_twins_are_solved(trains, monkeypatch):
     monkeypatch.setattr(training, "LOCAL", lambda _dimensions: TINY_PNEUNET)

@@ -331,6 +331,7 @@ def judged(number):
         return absorption(search, chosen)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_volume_ratio_that_took_up_a_wrong_scale_is_found_and_comes_back():
     """A scale read 18 % too small: the base model has a volume ratio that no film shows."""

@@ -243,7 +243,7 @@ def left_out_of(whole_chain):
     return leave_one_out(small_model(), whole_chain, seed=SEED)
 
 
-@pytest.fixture(scope="module", params=[pytest.param("f2", marks=pytest.mark.long), "a4"])
+@pytest.fixture(scope="module", params=["f2", "a4"])
 def brute_force(request, left_out_of):
     """emcee on the other specimens' posterior, and the mean density of one over it."""
     model, specimen = small_model(), request.param
@@ -257,6 +257,7 @@ def brute_force(request, left_out_of):
     return specimen, exact, error
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_specimens_left_out_are_predicted_as_by_brute_force(brute_force, left_out_of):
     specimen, exact, error = brute_force
@@ -266,6 +267,7 @@ def test_specimens_left_out_are_predicted_as_by_brute_force(brute_force, left_ou
     assert total < 0.25  # 0.215 on another processor
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize("reached", [False, True])
 def test_refits_of_the_real_model_are_those_of_brute_force(brute_force, whole_chain, reached):

@@ -115,6 +115,7 @@ def test_a_term_is_rarely_given_where_nothing_is_hidden():
     assert np.mean(p_values <= 0.5) == pytest.approx(0.5, abs=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_given_without_a_misfit_is_less_than_the_level(linear):
     generator = np.random.default_rng(6)

@@ -81,6 +81,7 @@ def of_bent():
     return compare_orders(model, seed=np.random.SeedSequence(2))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_films_on_a_parabola_support_order_two(of_bent):
     assert [fit.order for fit in of_bent.fits] == [1, 2, 3]
@@ -126,6 +127,7 @@ def test_held_out_films_are_those_of_posteriors_without_them(of_bent):
         assert second.elpd[row] == pytest.approx(expected, abs=0.25)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_film_with_a_heavy_tail_of_weights_is_calibrated_anew():
     model = films_model(bent, seed=7, levels=np.repeat([0.0, 12.0, 25.0], 2))

@@ -32,10 +32,15 @@ SMALLEST = (
     "benchmarks/hidden_effects.py --studies 510 --again 60 --draws 3 --markdown "
     "--record benchmarks/hidden_effects.jsonl",
     "benchmarks/scored_methods.py --record benchmarks/scored --json",
-    "benchmarks/local_discrepancies.py --studies 1",
-    "benchmarks/lying_parameters.py --studies 1 --without 0 --json",
-    "benchmarks/material_laws.py --json",
-    "benchmarks/recovery.py --studies 1 --workers 1 --json",
+    *(
+        pytest.param(line, marks=pytest.mark.long)
+        for line in (
+            "benchmarks/local_discrepancies.py --studies 1",
+            "benchmarks/lying_parameters.py --studies 1 --without 0 --json",
+            "benchmarks/material_laws.py --json",
+            "benchmarks/recovery.py --studies 1 --workers 1 --json",
+        )
+    ),
 )
 
 

@@ -107,6 +107,7 @@ def test_a_run_says_the_same_as_the_verbs(started, tmp_path):
     assert found.candidates["log_bayes_factor"].dropna().tolist() == judged
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_with_an_offset_that_does_nothing_that_test_fails(started):
     """The mutation check, as of the planted studies."""

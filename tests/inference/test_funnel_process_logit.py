@@ -138,6 +138,7 @@ def centred():
     return modes, *drawn(chain, density)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_centred_funnel_has_no_top():
     modes, *_ = centred()

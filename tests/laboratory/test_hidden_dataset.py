@@ -145,6 +145,7 @@ def test_a_relaxing_stress_comes_to_the_creep_that_is_stated(size):
 # ---- the other methods
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_both_methods_find_a_large_effect_and_leave_nothing_alone(made, tmp_path):
     (folder, truths), _ = made

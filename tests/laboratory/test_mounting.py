@@ -198,6 +198,7 @@ def _ended(x, length):
     return bonded_mesh(TWO, COARSE, Bond(off_end=1.0 - x / length))
 
 
+@pytest.mark.long
 @pytest.mark.fem
 @pytest.mark.slow
 def test_the_effect_converges_with_the_mesh():

@@ -31,8 +31,9 @@ def test_cycles_go_up_and_down_and_hold_the_readings_wanted(rows, cycles):
     assert table.groupby("degradation_pct")["specimen_id"].nunique().tolist() == [3] * 6
 
 
-def test_causes_cut_short_are_the_whole_catalogue_in_another_order():
-    assert sorted(drawn.CAUSES) == sorted(CATALOGUE)
+def test_the_largest_catalogue_that_is_timed_is_made_of_known_causes():
+    assert len(set(drawn.CAUSES)) == len(drawn.CAUSES) == max(drawn.CATALOGUES)
+    assert set(drawn.CAUSES) <= set(CATALOGUE)
 
 
 @pytest.mark.parametrize("name", ["edge", "specimens_100"])

@@ -318,6 +318,7 @@ def log_odds_against(assembly, hidden, rival):
     return list(found.values())
 
 
+@pytest.mark.long
 def test_volumes_tell_thicker_walls_from_stiffer_ones_and_not_a_gauge(small):
     """A gauge off by a factor acts as other material does, on every length: nothing is gained.
 

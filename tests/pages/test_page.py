@@ -321,7 +321,10 @@ def test_what_is_missing_is_said_in_its_place(built):
         assert absent(page.by_id(section))
 
 
-@pytest.mark.parametrize("name", MISSING)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=() if n in ("bands", "gain") else pytest.mark.long) for n in MISSING],
+)
 def test_one_missing_table_takes_nothing_else_away(built, name):
     folder, _ = built("named")
     slim = {"tensile", "constants", "bands", "observations"}

@@ -26,7 +26,7 @@ MEDIUM, COARSEST = Resolution(3.0, 3.0, 3.0), Resolution(9.0, 9.0, 9.0)
     ("dimensions", "resolution"),
     [
         (Dimensions(length=20.0, chambers=2), MEDIUM),
-        pytest.param(Dimensions(), COARSEST, marks=pytest.mark.slow),
+        pytest.param(Dimensions(), COARSEST, marks=[pytest.mark.long, pytest.mark.slow]),
     ],
     ids=["two chambers", "default actuator"],
 )

@@ -40,8 +40,8 @@ def both(geometry, element, material=FRESH, loads=LOADS, layer=None):
         (DEFAULT, LINEAR_CONSTANT),
         (ONE_CHAMBER, QUADRATIC_CONSTANT),
         (ONE_CHAMBER, QUADRATIC),
-        pytest.param(TWO_CHAMBERS, QUADRATIC_CONSTANT, marks=pytest.mark.slow),
-        pytest.param(TWO_CHAMBERS, QUADRATIC, marks=pytest.mark.slow),
+        pytest.param(TWO_CHAMBERS, QUADRATIC_CONSTANT, marks=[pytest.mark.long, pytest.mark.slow]),
+        pytest.param(TWO_CHAMBERS, QUADRATIC, marks=[pytest.mark.long, pytest.mark.slow]),
     ],
     ids=lambda value: getattr(value, "name", None),
 )

@@ -63,16 +63,20 @@ ELSEWHERE = {
     *(table_stage(columns.TRACES), table_stage(columns.PHOTO_LINES), figure_stage("photographs")),
 }
 STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
-# all tables share one mechanism, and all figures another: two of each will do in a plain run
-PLAIN_ONES = {"bands.csv", "gain.csv", "figure bands", "figure rupture"}
-TRIED = [
-    pytest.param(
-        stage,
-        id=str(stage),
-        marks=() if stage in {*OptionalStage, *PLAIN_ONES} else pytest.mark.long,
-    )
-    for stage in STAGES
-]
+# all stages share one mechanism: a plain run breaks a table, a figure, and stages that others need
+PLAIN = {
+    *("gain.csv", "figure bands", OptionalStage.VERDICT, OptionalStage.HELD_OUT),
+    *(OptionalStage.EXTENDED, OptionalStage.COURSE, OptionalStage.ORDERS, OptionalStage.PAGE),
+}
+
+
+def tried(plain):
+    """Return all stages, those that a plain run leaves out marked."""
+    return [
+        pytest.param(stage, id=str(stage), marks=() if stage in plain else pytest.mark.long)
+        for stage in STAGES
+    ]
+
 
 # what goes with a stage
 WITHOUT = {
@@ -251,7 +255,7 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", TRIED)
+@pytest.mark.parametrize("stage", tried(PLAIN))
 def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
     cheap, whole, stage, tmp_path, monkeypatch, capsys
 ):
@@ -320,7 +324,7 @@ def assert_judged_as_far_as_known(stage, verdict):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", TRIED)
+@pytest.mark.parametrize("stage", tried({OptionalStage.VERDICT, "figure bands"}))
 def test_ctrl_c_stops_a_run_in_any_stage(cheap, whole, stage, tmp_path, monkeypatch):
     broken_at(stage, KeyboardInterrupt(), monkeypatch)
     code, found = command_of(cheap, tmp_path / "run", monkeypatch)

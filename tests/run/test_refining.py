@@ -143,6 +143,7 @@ def test_a_posterior_holds_the_likeliest_models(posteriors):
     assert len(posteriors.whole.load) > len(posteriors.asked.load)
 
 
+@pytest.mark.long
 @pytest.mark.fem
 def test_refining_is_resumed_and_ends_with_the_same_bits(study, tmp_path, monkeypatch):
     def recipe(dimensions):

@@ -238,6 +238,7 @@ def test_a_calibration_says_how_far_it_is_and_what_it_found_damaged(tmp_path):
     np.testing.assert_array_equal(third.laplace.covariance, fit.laplace.covariance)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_killed_in_the_midst_again_and_again_it_ends_with_the_same_chain(tmp_path):
     generator, before = np.random.default_rng(7), 0

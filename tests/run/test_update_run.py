@@ -152,6 +152,7 @@ def test_posteriors_and_tables_are_of_all_readings_and_the_verdict_is_not_judged
     assert str(found.folder) in found._repr_html_()
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_update(places, updated):
     folder, report, file = places
     new = pd.read_csv(folder / "new.csv")
@@ -307,6 +308,7 @@ def counted(tmp_path_factory):
     return study, path, bd.update(path, folder / "new.csv", emulator=file, progress=False), file
 
 
+@pytest.mark.long
 def test_counts_that_the_final_model_is_fitted_to_stay_its_data(counted):
     study, _, found, _ = counted
     causes = ("pressure_offset", "dry_embrittlement")
@@ -424,6 +426,7 @@ def replace_outcome(record):
     return record.model_copy(update={"causes": (), "predicted_with": ()})
 
 
+@pytest.mark.long
 def test_that_an_average_ends_with_an_update_is_recorded_and_said(places, bayesdeg):
     folder, report, file = places
     sets = [("pressure_offset",), ("pressure_loss",)]

@@ -354,6 +354,7 @@ def test_every_effect_of_the_map_is_a_cause(study, forward):
         assert (cause.parameter is None) != (cause.block is None), name
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_seed_decides_everything(study, forward):
     effort = study.script.Effort(

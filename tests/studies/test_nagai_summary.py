@@ -229,6 +229,7 @@ def test_margin_to_rupture_grows_with_degradation(study, few):
     assert study.rupture.none_below(walls) < 0.01
 
 
+@pytest.mark.long
 def test_run_writes_a_page_that_stands_alone(quick_run):
     out, printed = quick_run
     page = (out / "index.html").read_text(encoding="utf-8")
@@ -318,6 +319,7 @@ def test_flaws_and_not_concentration_make_the_counts_probable(answers):
     )
 
 
+@pytest.mark.long
 def test_the_seed_decides_everything(study, tmp_path):
     effort = study.script.Effort(200, 100, 8, 1, ((80, 8), (80, 8), (80, 8)), 1)
     first, second, other = (

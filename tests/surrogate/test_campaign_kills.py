@@ -33,6 +33,7 @@ def undisturbed(tmp_path_factory):
     return solutions, contents(store.folder)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_a_campaign_killed_at_random_moments_ends_with_the_same_bits(undisturbed, tmp_path):
@@ -53,6 +54,7 @@ def test_a_campaign_killed_at_random_moments_ends_with_the_same_bits(undisturbed
     assert_all_same(complete(real_runs(COUNT), store), solutions)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_two_processes_give_the_bits_of_one_though_one_of_them_is_killed(undisturbed, tmp_path):

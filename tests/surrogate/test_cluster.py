@@ -82,6 +82,7 @@ def patient(monkeypatch):
     monkeypatch.setattr(workers, "JOINING", 60.0)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_dask_gives_the_bits_of_one_process_though_a_worker_is_killed(serial, tmp_path):
@@ -105,6 +106,7 @@ def test_dask_gives_the_bits_of_one_process_though_a_worker_is_killed(serial, tm
     assert set(finished) == set(RUNS)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_a_scheduler_that_vanishes_is_a_clear_error_and_nothing_is_lost(serial, tmp_path):
