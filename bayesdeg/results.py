@@ -36,7 +36,7 @@ from bayesdeg.pages.record import ModelEntry, VerdictRecord
 from bayesdeg.pages.wording import SPACE, worded
 from bayesdeg.prediction.posterior import Posterior
 from bayesdeg.prediction.soil import Soil
-from bayesdeg.prediction.stored import NO_COURSE, bends_actuators
+from bayesdeg.prediction.stored import NO_COURSE
 from bayesdeg.priors import Parameter
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
@@ -212,8 +212,7 @@ class Model:
         known |= {one.name: one for one in (*self.assembly.causes, *self.active)}
         if given not in known:
             remedy = use_one_of(given, known) if known else "give the bayesdeg.Cause itself"
-            whose = "" if self.kind.is_of_actuators else " of this model"
-            raise BayesdegError(f"there is no cause {given!r}{whose}; {remedy}")
+            raise BayesdegError(f"there is no cause {given!r}; {remedy}")
         return known[given]
 
     def with_causes(self, *causes: Cause | str) -> Self:
@@ -273,13 +272,8 @@ class Model:
         known = self.assembly
         listed: Iterable[Cause | str] = [causes] if isinstance(causes, str) else causes
         wanted = known.candidates if causes == "all" else [self.cause(one) for one in listed]
-        if not wanted and not self.kind.is_of_actuators:
-            raise BayesdegError(
-                "a model with its own forward map has no candidate causes; give "
-                "criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
-            )
         if not wanted and not known.unjudged:
-            raise BayesdegError("causes is empty; name at least one cause, or 'all'")
+            raise BayesdegError(f"there are no candidate causes; {self.kind.remedy_no_candidates}")
         if causes == "all":
             return known
         names = [one.name for one in wanted]
@@ -345,13 +339,7 @@ class Calibration:
         """
         fit, model = self.fit, self.model
         kind, assembly = model.kind, model.assembly
-        if not kind.is_of_actuators:
-            return Posterior(fit.model, self._kept)
-        if not bends_actuators(fit.model.table.names):
-            raise BayesdegError(
-                f"{assembly.study.name} has no actuator readings, so its posterior cannot predict "
-                "actuators; add actuator.csv to the study"
-            )
+        kind.refuse_unpredictable(fit.model, assembly.study)
         final = Results(assembly, fit, fit, of_final(model.judgement, fit))
         averaged = with_average(final, Streams.of(self.seed).averaged, Guard(strict=True)).averaged
         tested = kind.tested(assembly.model, fit.model, assembly.study) or ModelEntry()

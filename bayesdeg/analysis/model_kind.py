@@ -40,7 +40,7 @@ from bayesdeg.pages.record import BasisEntry, ModelEntry
 from bayesdeg.pages.tables import ALL_LEVELS
 from bayesdeg.pages.wording import sentences
 from bayesdeg.prediction.predictive import specimens_tested
-from bayesdeg.prediction.stored import model_document
+from bayesdeg.prediction.stored import bends_actuators, model_document
 from bayesdeg.quantities import Effort
 from bayesdeg.surrogate.kept import refuse_whole_range
 from bayesdeg.surrogate.surrogate import Surrogate
@@ -117,6 +117,8 @@ class ModelKind(Protocol):
     catalogue: Mapping[str, Cause] = CATALOGUE
     #: Tables of a run folder that it does not have.
     without: frozenset[str] = frozenset()
+    #: What to do where no cause is a candidate.
+    remedy_no_candidates: str = "name at least one cause, or 'all'"
 
     # ---- before calibration
 
@@ -188,6 +190,10 @@ class ModelKind(Protocol):
         """Return the gain on held-out data in the units of the readings."""
         return table
 
+    def is_averaged(self, final: JointModel) -> bool:
+        """Return whether predictions are averaged over causes that cannot be told apart."""
+        return bends_actuators(final.table.names)
+
     def begin_films(
         self,
         study: Study,
@@ -199,7 +205,21 @@ class ModelKind(Protocol):
         effort = EFFORTS[study.settings.sampling.effort]
         return begin_examination(study, model, effort=effort, seed=seed, executor=executor)
 
-    # ---- record of a run
+    # ---- prediction and record of a run
+
+    def refuse_unpredictable(self, final: JointModel, study: Study) -> None:
+        """Refuse a posterior that predicts nothing, being of films alone.
+
+        Raises
+        ------
+        BayesdegError
+            Saying what the study lacks.
+        """
+        if not bends_actuators(final.table.names):
+            raise BayesdegError(
+                f"{study.name} has no actuator readings, so its posterior cannot predict "
+                "actuators; add actuator.csv to the study"
+            )
 
     def tested(self, base: JointModel, final: JointModel, study: Study) -> ModelEntry | None:
         """Return what predictions need to know of a model and its data; None if nothing.
@@ -238,6 +258,7 @@ class OwnMapKind(ModelKind):
     is_of_actuators = False
     catalogue: Mapping[str, Cause] = MappingProxyType({})
     without = frozenset({columns.CONSTANTS, columns.MEASURED})
+    remedy_no_candidates = "give criticise(fit, causes=[...]) or Model(..., catalogue=[...])"
 
     @override
     def assembled(self, study: Study, forward: ForwardMap | None) -> Assembly:
@@ -284,6 +305,14 @@ class OwnMapKind(ModelKind):
         plain = rows.rename(columns={"degradation_pct": "level"}).reset_index(drop=True)
         others = (name for name in plain if name not in (*SCORED_FIRST, *SCORED_ELSE))
         return plain[[*SCORED_FIRST, *others]]
+
+    @override
+    def is_averaged(self, final: JointModel) -> bool:
+        return False
+
+    @override
+    def refuse_unpredictable(self, final: JointModel, study: Study) -> None:
+        return
 
     @override
     def begin_films(

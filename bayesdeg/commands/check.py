@@ -163,7 +163,7 @@ def _check_own(study: Study) -> None:
     table = Table(title=Text(title), title_justify="left")
     table.add_column("what")
     table.add_column("found")
-    own = importlib.import_module("bayesdeg.inference.own_map").user_map(found.model)
+    own = importlib.import_module("bayesdeg.inference.own_map").own_map_of(found.model)
     for block in own.readings:
         specimens = len(set(block.places.specimen.tolist()))
         table.add_row(block.name, f"{len(block.y)} readings on {specimens} specimens")

@@ -4,7 +4,7 @@ import pandas as pd
 import pandera.pandas as pa
 
 from bayesdeg.data.cells import read_cells, read_number
-from bayesdeg.data.settings import Settings
+from bayesdeg.data.settings import UserForward
 from bayesdeg.data.tables import Table, number, text
 from bayesdeg.errors import Fault, use_one_of
 
@@ -14,7 +14,7 @@ _WORDS = (SPECIMEN, HISTORY)
 
 
 def readings_table(
-    content: bytes, settings: Settings
+    content: bytes, forward: UserForward, reading: str
 ) -> tuple[Table, tuple[str, ...], tuple[Fault, ...]]:
     r"""Return the columns of a study's readings, and which of them are inputs.
 
@@ -22,8 +22,10 @@ def readings_table(
     ----------
     content : bytes
         The file as stored.
-    settings : Settings
-        Of a study with its own forward map.
+    forward : UserForward
+        The study's own forward map.
+    reading : str
+        The column of readings.
 
     Returns
     -------
@@ -37,18 +39,15 @@ def readings_table(
 
     Examples
     --------
-    >>> from bayesdeg.data.settings import ReadingOptions, UserForward
     >>> content = b"specimen_id,height_m,observer,time_s\na,1.0,Ada,0.45\n"
-    >>> forward, reading = UserForward("model.py:fall"), ReadingOptions(name="time_s")
-    >>> readings_table(content, Settings(forward=forward, reading=reading))[1]
+    >>> readings_table(content, UserForward("model.py:fall"), "time_s")[1]
     ('height_m',)
     """
     cells, _ = read_cells(content, FILE)
     if cells is None:  # the fault is reported when the cells are read
         return Table(NAME, pa.DataFrameSchema(name=FILE)), (), ()
-    there, reading = list(cells.texts.columns), settings.reading.name
-    stated = None if settings.forward is None else settings.forward.inputs
-    inputs = stated or tuple(
+    there = list(cells.texts.columns)
+    inputs = forward.inputs or tuple(
         str(name)
         for name in there
         if name not in (reading, *_WORDS) and _is_of_numbers(cells.texts[name])

@@ -591,7 +591,7 @@ def _own_study(
         remedy = f"add it: a row per reading, with columns {name} and one for each input"
         raise StudyError([*faults, Fault(readings.FILE, "is missing", remedy)])
     content = contents[readings.FILE]
-    table, inputs, missing = readings.readings_table(content, settings)
+    table, inputs, missing = readings.readings_table(content, forward, settings.reading.name)
     checked = check_table(
         content, table.schema, degradation_sd_pct=settings.noise.degradation_sd_pct
     )

@@ -49,7 +49,6 @@ from bayesdeg.pages.folder import POSTERIOR_AVERAGED, RunFolder
 from bayesdeg.pages.left_out import Guard, OptionalStage, posterior_stage
 from bayesdeg.pages.page import build_page
 from bayesdeg.pages.record import InDoubt, VerdictRecord
-from bayesdeg.prediction.stored import bends_actuators
 from bayesdeg.progress import Progress
 from bayesdeg.quantities import Effort
 from bayesdeg.run.deformed import begin
@@ -480,12 +479,9 @@ def _extend(
 
 
 def with_average(results: Results, seed: np.random.SeedSequence, guard: Guard) -> Results:
-    """Draw over the causes that cannot be told apart, if there are several.
-
-    Only predictions of actuators are averaged; those with a user's forward map use the leading
-    causes.
-    """
-    if results.judgement is None or not bends_actuators(results.final.model.table.names):
+    """Draw over the causes that cannot be told apart, if there are several."""
+    final = results.final.model
+    if results.judgement is None or not kind_of(final).is_averaged(final):
         return results
     generator, stage = np.random.default_rng(seed), posterior_stage(POSTERIOR_AVERAGED)
     found = guard.attempt(stage, averaged, results.judgement, results.final, generator)
