@@ -26,12 +26,12 @@ from bayesdeg.analysis.calibrate import base_of
 from bayesdeg.analysis.calibrate import calibrate as calibrate_model
 from bayesdeg.analysis.judge import extended_model
 from bayesdeg.causes.cause import Cause
-from bayesdeg.console import can_show_bars, shown
 from bayesdeg.criticism.decide.support import can_be_held_out
 from bayesdeg.criticism.holdout.gain import gain_table
 from bayesdeg.criticism.holdout.held_out import one_by_one, run_folds
 from bayesdeg.data.settings import AnyDimensions
 from bayesdeg.data.study import Study
+from bayesdeg.display import can_show_bars, shown
 from bayesdeg.errors import BayesdegError, Stopped, use_one_of
 from bayesdeg.inference.sampling import EFFORTS as SAMPLING_EFFORTS
 from bayesdeg.pages.checkpoints import NoCheckpoints

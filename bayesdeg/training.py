@@ -27,12 +27,13 @@ from bayesdeg.analysis.region import (
     refining_campaign,
 )
 from bayesdeg.assembly.outline import outline
-from bayesdeg.console import errors, shown
+from bayesdeg.console import errors
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.part import read_part
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import Study
+from bayesdeg.display import shown
 from bayesdeg.errors import BayesdegError, Stopped
 from bayesdeg.pages.wording import fixed, percent, words
 from bayesdeg.progress import Progress

@@ -49,8 +49,8 @@ from bayesdeg.actuator.mesh import COARSE, FINE
 from bayesdeg.causes.catalogue import find
 from bayesdeg.causes.cause import Cause
 from bayesdeg.causes.flaw_embrittlement import SMOOTH
-from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
+from bayesdeg.display import shown
 from bayesdeg.laboratory.experiment import Design
 from bayesdeg.laboratory.truth import HiddenEffect, Three
 from bayesdeg.surrogate.workers import pool

@@ -42,8 +42,8 @@ from bayesdeg.actuator.mesh import FINE
 from bayesdeg.analysis.calibrate import base_without_chain
 from bayesdeg.analysis.judge import JUDGE_EFFORTS, Judgement, judge
 from bayesdeg.assembly.assemble import assemble
-from bayesdeg.console import shown
 from bayesdeg.data.study import read_study
+from bayesdeg.display import shown
 from bayesdeg.inference.importance import improved
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain

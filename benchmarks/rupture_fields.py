@@ -42,8 +42,8 @@ from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import FINE, build_mesh
 from bayesdeg.actuator.outputs import StrainFields, read_state
 from bayesdeg.actuator.status import MODEL_VERSION, Status
-from bayesdeg.console import shown
 from bayesdeg.data.settings import Dimensions
+from bayesdeg.display import shown
 from bayesdeg.files import written
 from bayesdeg.laboratory.truth import Truth, drawn_truth
 from bayesdeg.surrogate.workers import WorkerProcesses

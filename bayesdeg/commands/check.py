@@ -14,7 +14,7 @@ from bayesdeg.actuator.section import across, described, section
 from bayesdeg.assembly.outline import outline, unused
 from bayesdeg.assembly.reading import read_study
 from bayesdeg.commands.options import CORES
-from bayesdeg.console import output, say, shown
+from bayesdeg.console import output, say
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.moisture import MASS_LOSS_SLOPE, mass_loss_slope
@@ -23,6 +23,7 @@ from bayesdeg.data.plausibility import doubts, names_alike, refuse_impossible
 from bayesdeg.data.shrinkage import film_masses, mean_as_printed, mean_over_films
 from bayesdeg.data.study import Study
 from bayesdeg.data.uncertain import UncertainDimension
+from bayesdeg.display import shown
 from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.surrogate.kept import duration, rough_seconds, search
 

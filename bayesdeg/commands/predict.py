@@ -18,7 +18,8 @@ from bayesdeg.commands.answers import (
     seed_of,
 )
 from bayesdeg.commands.options import Asking, Service
-from bayesdeg.console import output, shown
+from bayesdeg.console import output
+from bayesdeg.display import shown
 from bayesdeg.pages.wording import chance, interval, number
 from bayesdeg.prediction import forecast
 from bayesdeg.prediction.posterior import TIME, Posterior

@@ -13,10 +13,11 @@ from bayesdeg.actuator.status import Backend
 from bayesdeg.analysis.model_kind import kind_of_study
 from bayesdeg.assembly.outline import passed_over
 from bayesdeg.assembly.reading import read_study
-from bayesdeg.console import errors, output, say, shown
+from bayesdeg.console import errors, output, say
 from bayesdeg.data.captures import captured_messages
 from bayesdeg.data.photographs import messages
 from bayesdeg.data.settings import Settings
+from bayesdeg.display import shown
 from bayesdeg.pages.checkpoints import Checkpoints
 from bayesdeg.pages.folder import LEFT_OUT, RunFolder
 from bayesdeg.pages.headline import doubts_of, sets_of

@@ -13,10 +13,11 @@ from bayesdeg.actuator.reading import as_read
 from bayesdeg.actuator.status import FINE, Backend
 from bayesdeg.assembly.outline import outline
 from bayesdeg.assembly.reading import read_study
-from bayesdeg.console import output, say, shown
+from bayesdeg.console import output, say
 from bayesdeg.data.families import MeshDimensions
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.study import Study
+from bayesdeg.display import shown
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import write_bytes, write_text
 from bayesdeg.laboratory.experiment import (

@@ -4,9 +4,9 @@ import io
 
 import pytest
 
-from bayesdeg import console
-from bayesdeg.console import Lines, shown
+from bayesdeg import console, display
 from bayesdeg.data.settings import Dimensions
+from bayesdeg.display import Lines, shown
 from bayesdeg.surrogate.kept import rough_seconds
 
 NAMES = ["[red]x[/blue]", ":100:", "[/]", "a [kPa]", "50%"]
@@ -52,7 +52,7 @@ def test_names_are_printed_as_they_are_on_a_terminal_too(monkeypatch, name):
     written = io.StringIO()
     terminal = console.console(width=200)
     terminal.file, terminal._force_terminal = written, True
-    monkeypatch.setattr(console, "errors", terminal)
+    monkeypatch.setattr(display, "errors", terminal)
     with shown(quiet=False) as progress:
         progress.stage(name)
         progress.advance(note=name)
