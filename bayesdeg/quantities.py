@@ -43,6 +43,7 @@ SUFFIXES: Mapping[str, str] = MappingProxyType(
         "kPa": "_kPa",
         "1/m": "_per_m",
         "°": "_deg",
+        "°C": "_C",
         "mm": "_mm",
         "px": "_px",
         "mm/px": "_mm_per_px",

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from hidden_effects import library, visible
 from hidden_studies import (
-    LEFT_OUT,
+    HIDDEN,
     ONLY_IN,
     OUTSIDE,
     REFUSED,
@@ -51,7 +51,6 @@ from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.actuator.mesh import COARSE
 from bayesdeg.analysis.calibrate import base_without_chain
 from bayesdeg.assembly.assemble import assemble
-from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.data.settings import Dimensions, Settings
 from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.experiment import Design
@@ -60,8 +59,6 @@ from bayesdeg.laboratory.truth import HiddenEffect
 from bayesdeg.laboratory.writing import TRUTH_FILE, Provenance, study_files
 
 KINDS = {"single": 0.55, "pair": 0.15, "none": 0.15, "outside": 0.15}
-#: Cannot show in these studies, which state no operator of reading and in which nothing bursts.
-NOT_HIDDEN = (*LEFT_OUT, "curvature_operator")
 #: Of effects that show in many designs; those with little scatter show what others do not.
 ANY_DESIGN = ("careful", "careful", "angle", "curvature", "history", "mounts")
 #: Designs that have studies with fewer actuators too: fields are solved for no more.
@@ -96,9 +93,7 @@ class Plan:
 
 def plans(count: int, *, seed: int, physics: int) -> list[Plan]:
     """Return studies in an order that tells nothing; the first ones drawn are those by physics."""
-    causes = np.random.default_rng((seed, 0)).permutation(
-        [name for name in CATALOGUE if name not in NOT_HIDDEN]
-    )
+    causes = np.random.default_rng((seed, 0)).permutation(HIDDEN)
     drawn = [
         _by_physics(number, seed) if number <= physics else _drawn(number, seed, causes)
         for number in range(1, count + 1)
@@ -129,8 +124,8 @@ def _effects(
     if kind == "pair":
         beside = [
             name
-            for name in CATALOGUE
-            if name not in (first, *NOT_HIDDEN)
+            for name in HIDDEN
+            if name != first
             and ONLY_IN.get(name, design) == design
             and {name, first} not in REFUSED
         ]

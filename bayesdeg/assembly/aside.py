@@ -17,7 +17,7 @@ from bayesdeg.observations.tensile import FILM
 
 BY_READING = (Anomaly.READING, Anomaly.JUMP, Anomaly.CUT_OFF, Anomaly.EDGE)
 READ = ("curvature_per_m", "bend_angle_deg")
-TABLES = {ACTUATOR: "actuator", FILM: "tensile"}
+TABLE_OF_FAMILY = {ACTUATOR: "actuator", FILM: "tensile"}
 """Tables by family of readings; suspects in other tables are reported but not set aside."""
 FILES = {"actuator.csv": "actuator", "tensile.csv": "tensile"} | dict.fromkeys(
     ("markers.csv", "photos.csv", "captures.csv"), "actuator"
@@ -60,7 +60,7 @@ def asides(model: JointModel, found: Iterable[Suspect]) -> tuple[Exclusion, ...]
     for suspect in found:
         one = suspect.hypothesis
         family = places.family[np.argmax(one.rows)]
-        table = TABLES.get(str(family), "")
+        table = TABLE_OF_FAMILY.get(str(family), "")
         if one.oddity in BY_READING:
             readings = readings_at(places, one.rows)
             excluded.append(Exclusion(suspect, table, one.specimens, readings))
@@ -129,7 +129,7 @@ def unused_rows(study: Study, whole: Study, aside: Iterable[Exclusion]) -> tuple
     aside : iterable of Exclusion
         In the order in which they were.
     """
-    found, left = list(study.unused), {name: whole.table(name) for name in TABLES.values()}
+    found, left = list(study.unused), {name: whole.table(name) for name in TABLE_OF_FAMILY.values()}
     of_lines = {"actuator": whole.lines_file} if whole.line_points is not None else {}
     for one in aside:
         table = left.get(one.table)

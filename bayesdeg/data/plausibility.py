@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bayesdeg.data.families import MeshDimensions, Mould
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.data.study import Study
-from bayesdeg.data.tables import TABLES
+from bayesdeg.data.tables import BASE_TABLES
 from bayesdeg.errors import Fault, StudyError
 from bayesdeg.priors import Distribution, LogNormal
 
@@ -1486,8 +1486,8 @@ OF_CONDITIONS = (
 
 def names_alike(study: Study) -> Iterator[Doubt]:
     """Doubt names of specimens that differ only in capitals, blanks, hyphens or zeros."""
-    files = {name: table.file for name, table in TABLES.items()}
-    for name in (*TABLES, *study.others):
+    files = {name: table.file for name, table in BASE_TABLES.items()}
+    for name in (*BASE_TABLES, *study.others):
         table = study.given(name)
         column = "film_id" if name in ("moisture", "shrinkage") else "specimen_id"
         if table is None or column not in table:

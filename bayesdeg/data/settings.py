@@ -857,7 +857,7 @@ _DIMENSIONS = {
 _ACTUATOR: dict[str, tuple[Any, str]] = {"kind": (Kind, _one_of(KINDS))} | {
     name: _dimension(name, kind) for of in _DIMENSIONS.values() for name, kind in of.items()
 }
-TABLES = (
+TOML_TABLES = (
     *("actuator", "paper", "constraint", "shrinkage", "priors", "noise", "causes", "sampling"),
     *("tensile", "material", "vendor", "rupture", "suspects", "forward", "parameters", "reading"),
     *("photographs", "markers", "captures"),
@@ -880,7 +880,7 @@ def _keys(model: Any) -> dict[str, str]:
 KEYS: Mapping[str, Mapping[str, str]] = {
     "": _keys(Settings),
     "actuator": {name: accepts for name, (_, accepts) in _ACTUATOR.items()},
-    **{name: _keys(MODELS[name]) for name in TABLES if name in MODELS},
+    **{name: _keys(MODELS[name]) for name in TOML_TABLES if name in MODELS},
 }
 """Accepted values in words, by table and key; keys outside of tables have the table ""."""
 
@@ -1034,13 +1034,13 @@ def _from_document(document: dict[str, Any], source: _Source) -> tuple[Settings,
             f"write [{name}] on a line of its own and its keys below",
             document[name],
         )
-        for name in TABLES
+        for name in TOML_TABLES
         if name in document and not isinstance(document[name], dict)
     ]
-    tables = {name: document[name] for name in TABLES if isinstance(document.get(name), dict)}
+    tables = {name: document[name] for name in TOML_TABLES if isinstance(document.get(name), dict)}
     priors, wrong_priors = _read_priors(tables.pop("priors", {}), source)
     parameters, wrong_parameters = _read_parameters(tables.pop("parameters", {}), source)
-    tables[""] = {key: value for key, value in document.items() if key not in TABLES}
+    tables[""] = {key: value for key, value in document.items() if key not in TOML_TABLES}
     known = {
         table: {k: v for k, v in of.items() if k in KEYS[table]} for table, of in tables.items()
     }
@@ -1115,7 +1115,7 @@ def _suggestion(table: str, key: str) -> str:
     if elsewhere:
         place = f"under [{elsewhere[0]}]" if elsewhere[0] else "above the first [table]"
         return f"it belongs {place}"
-    known = [*KEYS[table], *(() if table else TABLES)]
+    known = [*KEYS[table], *(() if table else TOML_TABLES)]
     best = nearest(key, known, cutoff=0.5)
     return f"did you mean {best!r}?" if best else f"known here: {', '.join(known)}"
 

@@ -21,7 +21,7 @@ from bayesdeg.data.photographs import FILE as PHOTOS_FILE
 from bayesdeg.data.photographs import TracedPhotograph
 from bayesdeg.data.settings import FILE as SETTINGS_FILE
 from bayesdeg.data.settings import AnyDimensions, Settings, parse_settings
-from bayesdeg.data.tables import TABLES, Table, broken, row_check, words_of
+from bayesdeg.data.tables import BASE_TABLES, Table, broken, row_check, words_of
 from bayesdeg.errors import Fault, StudyError, nearest, use_one_of
 from bayesdeg.files import STUDY_MB, as_named, read_bytes, reason
 from bayesdeg.quantities import DIMENSIONLESS, QUANTITIES, UNLOADING
@@ -394,8 +394,8 @@ class Study:
 
     def __repr__(self) -> str:
         """Return its name and numbers of rows."""
-        files = {name: table.file for name, table in TABLES.items()}
-        tables = {name: self.given(name) for name in (*TABLES, *self.others)}
+        files = {name: table.file for name, table in BASE_TABLES.items()}
+        tables = {name: self.given(name) for name in (*BASE_TABLES, *self.others)}
         rows = [
             f"{files.get(name, f'{name}.csv')} {len(table)} rows"
             for name, table in tables.items()
@@ -448,7 +448,7 @@ class Study:
             return True
         if self.summary is not None and self.summary["quantity"].isin(OF_DEGRADATION).any():
             return True
-        tables = (self.table(name) for name in (*TABLES, *self.others))
+        tables = (self.table(name) for name in (*BASE_TABLES, *self.others))
         found = (table for table in tables if table is not None and "degradation_pct" in table)
         return any(bool((table["degradation_pct"].abs() > 0.0).any()) for table in found)
 
@@ -458,7 +458,7 @@ class Study:
         return self.settings.dimensions
 
 
-def read_study(folder: Path | str, tables: Mapping[str, Table] = TABLES) -> Study:
+def read_study(folder: Path | str, tables: Mapping[str, Table] = BASE_TABLES) -> Study:
     r"""Read a study folder and check everything in it.
 
     Parameters
@@ -722,7 +722,7 @@ def _assemble(
         kept = in_range(settings, frames["tensile"])
         unread += unused_of(files["tensile"], Why.OUTSIDE_RANGE, frames["tensile"][~kept])
         frames["tensile"] = frames["tensile"][kept].reset_index(drop=True)
-    own = {name: frame for name, frame in frames.items() if name in TABLES}
+    own = {name: frame for name, frame in frames.items() if name in BASE_TABLES}
     return Study(
         folder.resolve().name,
         folder,
@@ -731,7 +731,7 @@ def _assemble(
         hashes={file: sha256(content).hexdigest() for file, content in contents.items()},
         recorded={name: table.recorded for name, table in tables.items()},
         passed_over={files[name]: t.passed_over for name, t in tables.items() if t.passed_over},
-        others={name: frame for name, frame in frames.items() if name not in TABLES},
+        others={name: frame for name, frame in frames.items() if name not in BASE_TABLES},
         line_points=None,
         unread=tuple(unread),
         digits={name: digit for t in tables.values() for name, digit in t.digits.items()},

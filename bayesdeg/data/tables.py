@@ -397,7 +397,7 @@ class Table:
 
         Examples
         --------
-        >>> TABLES["moisture"].cost_in(degrades=False), bool(TABLES["moisture"].cost)
+        >>> BASE_TABLES["moisture"].cost_in(degrades=False), bool(BASE_TABLES["moisture"].cost)
         ('', True)
         """
         return self.cost if degrades or not self.of_degradation else ""
@@ -407,7 +407,7 @@ class Table:
 
         Examples
         --------
-        >>> TABLES["tensile"].supports_in(degrades=False)
+        >>> BASE_TABLES["tensile"].supports_in(degrades=False)
         'Yeoh constants'
         """
         return self.supports if degrades else self.supports.removesuffix(AGAINST_DEGRADATION)
@@ -541,7 +541,7 @@ SUMMARY = pa.DataFrameSchema(
 )
 #: The tables of films and actuators by their names; kinds of data that are files of
 #: `bayesdeg.observations` define their own, see `bayesdeg.observations.catalogue.TABLES`.
-TABLES: Mapping[str, Table] = MappingProxyType(
+BASE_TABLES: Mapping[str, Table] = MappingProxyType(
     {
         table.name: table
         for table in (

@@ -30,7 +30,7 @@ from bayesdeg.data.moisture import mass_loss_from_degradation, saturating
 from bayesdeg.data.settings import Mixture, RuptureCriterion
 from bayesdeg.data.shrinkage import film_volume
 from bayesdeg.data.study import Study
-from bayesdeg.data.tables import TABLES, Table
+from bayesdeg.data.tables import BASE_TABLES, Table
 from bayesdeg.errors import BayesdegError
 from bayesdeg.laboratory.truth import (
     HiddenEffect,
@@ -47,7 +47,7 @@ from bayesdeg.material.strength import ScatterLaw, Strength
 from bayesdeg.observations.force import TABLE as TIP_FORCES
 
 VIRTUAL_TABLES: Mapping[str, Table] = MappingProxyType(
-    {name: table for name, table in TABLES.items() if name != "summary"}
+    {name: table for name, table in BASE_TABLES.items() if name != "summary"}
     | {TIP_FORCES.name: TIP_FORCES}
 )
 """Tables of a virtual experiment; published statistics are never virtual."""

@@ -29,7 +29,7 @@ MODULES = _discover()
 
 #: All data files by their names in a study.
 TABLES: Mapping[str, Table] = MappingProxyType(
-    {**tables.TABLES} | {one.TABLE.name: one.TABLE for one in MODULES if hasattr(one, "TABLE")}
+    {**tables.BASE_TABLES} | {one.TABLE.name: one.TABLE for one in MODULES if hasattr(one, "TABLE")}
 )
 DATA_FILES = tuple(table.file for table in TABLES.values())
 

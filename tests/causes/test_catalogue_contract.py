@@ -18,10 +18,10 @@ from bayesdeg.causes.cause import (
     Stage,
     StrengthConditions,
 )
-from bayesdeg.data.tables import TABLES
 from bayesdeg.errors import BayesdegError
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.strength import Strength
+from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.specimens import FilmsAndActuators

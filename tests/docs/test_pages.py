@@ -12,7 +12,7 @@ import pytest
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.commands.interface import COMMANDS
 from bayesdeg.data.settings import parse_settings
-from bayesdeg.data.tables import TABLES
+from bayesdeg.observations.catalogue import TABLES
 from bayesdeg.pages.tables import TABLES as RUN_TABLES
 
 ROOT = Path(__file__).resolve().parents[2]
