@@ -24,7 +24,7 @@ from bayesdeg.run.stages import run_study
 from bayesdeg.surrogate.trained import write_trained
 from tests.run.planted_offset import COUNTS, DRY, SETTINGS, SUMMARY, emulator, planted_study
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.long, pytest.mark.slow]
 
 CANDIDATES = '"pressure_offset", "dry_embrittlement", "flaw_embrittlement"'
 PREDICTED = {"pressure": [60, 160], "degradation": [0, 25]}
@@ -107,7 +107,6 @@ def assert_same(ours, theirs, tolerance=1e-6):
             assert one.fillna("").tolist() == other.fillna("").tolist(), name
 
 
-@pytest.mark.long
 def test_criticise_and_run_come_to_the_same_verdict(run, fits):
     theirs, ours = run.read_verdict(), fits[1].document
     assert theirs.predicted_with == ("dry_embrittlement", "pressure_offset")

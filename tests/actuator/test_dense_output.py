@@ -28,9 +28,8 @@ def relative_errors(dense, exact):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param("fresh", marks=pytest.mark.long), "every effect but slack"]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["fresh", "every effect but slack"])
 def test_interpolated_curve_of_the_default_actuator_is_that_of_exact_equilibria(
     name, fresh, every_effect
 ):

@@ -52,6 +52,7 @@ def test_samples_are_equilibria_and_their_derivatives(two_chambers, material, sa
     assert smooth < 1e-3
 
 
+@pytest.mark.long
 def test_between_equilibria_what_the_path_reads_at_the_loads_asked_for(two_chambers, fresh):
     effort, whole = PathEffort(steps=2), Curve(tuple(np.linspace(0.05, 0.5, 10).tolist()), fresh)
     found = two_chambers.sample(whole, effort=effort)

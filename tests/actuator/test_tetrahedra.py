@@ -237,6 +237,7 @@ def test_paper_on_triangles_has_the_energy_and_forces_of_its_law(law):
 # ---- closed forms
 
 
+@pytest.mark.long
 @pytest.mark.fem
 def test_thick_sphere_under_follower_pressure(path_of):
     """The pressure of the closed form grows the bore to the radius of the closed form."""

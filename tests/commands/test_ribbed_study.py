@@ -275,7 +275,9 @@ SILICONE = """
 @pytest.mark.fem
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("actuator", "layer", "c1"), [(BLOCK, 0.0, 0.06), (LAYER, 0.6, 0.3)], ids=["block", "slab"]
+    ("actuator", "layer", "c1"),
+    [pytest.param(BLOCK, 0.0, 0.06, marks=pytest.mark.long), (LAYER, 0.6, 0.3)],
+    ids=["block", "slab"],
 )
 def test_without_paper_one_is_trained_and_answers_as_the_exact_map(
     trains, given, actuator, layer, c1

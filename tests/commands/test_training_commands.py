@@ -522,11 +522,10 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_stopped_in_mid_campaign_it_ends_with_3_says_what_stays_and_goes_on(here, number):
     runs = 40
     arguments = ("emulate", "tiny.toml", "--workers", 2)

@@ -210,6 +210,7 @@ def test_torn_films_are_predicted_as_by_quadrature():
     assert found.error.max() < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("reached", [False, True])
 def test_refits_of_torn_films_are_those_of_quadrature(reached):
     torn = Torn()

@@ -447,6 +447,7 @@ def test_a_catalogue_of_a_few_causes_is_searched(count):
 CHEAP = SearchEffort(replicates=60, fitted=2, pairs=2, most=0)
 
 
+@pytest.mark.long
 def test_nothing_is_named_in_one_of_twenty_data_sets_without_an_effect():
     """Of 240, with causes that look like two others and that cancel among them, at most 5 %.
 
@@ -460,6 +461,7 @@ def test_nothing_is_named_in_one_of_twenty_data_sets_without_an_effect():
     assert sum(len(one) > 1 for one in named) <= 3
 
 
+@pytest.mark.long
 def test_a_second_cause_is_named_in_one_of_twenty_data_sets_with_one():
     causes = (*straight.CAUSES, summed(0.45), *cancelling())
     right = 0

@@ -183,6 +183,7 @@ def test_p_values_are_uniform_where_the_model_is_true(name, many):
     assert kstest(smooth, "uniform").pvalue > 0.01 / len(NAMES)
 
 
+@pytest.mark.long
 def test_the_tables_p_values_are_uniform_and_the_adjusted_ones_keep_their_level():
     linear = rich()
     tables = [

@@ -59,6 +59,7 @@ def test_another_cycle_and_a_reading_with_a_time_go_to_the_end():
     assert pressures(found, "a") == [20, 60, 60]
 
 
+@pytest.mark.long
 @given(order=st.permutations([30, 40, 50, 70]))
 @settings(max_examples=24, deadline=None)
 def test_the_order_of_new_rows_of_one_loading_does_not_matter(order):

@@ -135,6 +135,7 @@ def test_the_evidence_is_that_of_quadrature():
     assert math.log(integral) == pytest.approx(0.0, abs=4.0 * found.error)
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say():
     inside, replicates = 0, 150
     for seed in range(replicates):

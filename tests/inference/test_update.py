@@ -127,6 +127,7 @@ def test_draws_that_are_many_enough_are_only_weighed(whole):
     assert len(found.posterior.draws) == 1000
 
 
+@pytest.mark.long
 def test_where_weights_fail_the_posterior_is_found_again(whole, reference):
     """The earlier readings are of a specimen much stiffer than it is: its draws carry no weight."""
     curves = whole.data_of(Curvature).tests

@@ -66,7 +66,7 @@ STAGES = sorted({*OptionalStage, *WRITTEN, *FIGURES} - SAID - ELSEWHERE)
 # all stages share one mechanism: a plain run breaks a table, a figure, and stages that others need
 PLAIN = {
     *("gain.csv", "figure bands", OptionalStage.VERDICT, OptionalStage.HELD_OUT),
-    *(OptionalStage.EXTENDED, OptionalStage.COURSE, OptionalStage.ORDERS, OptionalStage.PAGE),
+    *(OptionalStage.COURSE, OptionalStage.ORDERS, OptionalStage.PAGE),
 }
 
 

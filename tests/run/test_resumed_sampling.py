@@ -259,6 +259,7 @@ def test_killed_in_the_midst_again_and_again_it_ends_with_the_same_chain(tmp_pat
     assert not store.damaged
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_one_thread_and_two_give_the_same_chain(tmp_path):
     assert digest_of(tmp_path / "one", "1") == digest_of(tmp_path / "two", "2")

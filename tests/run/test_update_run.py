@@ -352,6 +352,7 @@ def test_criteria_and_life_are_made_anew(counted):
     assert life["wanted_per_m"].iloc[0] == pytest.approx(0.5 * fresh, rel=0.02)
 
 
+@pytest.mark.long
 def test_readings_above_the_largest_pressure_can_be_followed_by_others(places):
     """Priors and scales that follow from the largest pressure stay those of the run."""
     folder, report, file = places
@@ -365,6 +366,7 @@ def test_readings_above_the_largest_pressure_can_be_followed_by_others(places):
     assert measured["pressure_kPa"][-1] == 200.0
 
 
+@pytest.mark.long
 def test_a_reading_that_no_curve_reaches_is_refused_even_alone(places, bayesdeg):
     folder, report, file = places
     fresh = [f"n3,0,0,{pressure},{4 + pressure / 20}" for pressure in (100, 240, 250)]
@@ -409,6 +411,7 @@ def test_names_of_updates_count_up(tmp_path):
     ]
 
 
+@pytest.mark.long
 def test_a_run_without_causes_has_one_posterior(tmp_path):
     study = tmp_path / "study"
     study.mkdir()

@@ -121,6 +121,7 @@ def test_with_g_unknown_drag_leads_and_g_is_right_once_it_is_there(study, judged
     assert np.std(draws) > 2.0 * np.std(alone)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_with_g_unknown_the_name_rests_on_what_is_believed_of_drag(printed):
     open_case, closed = printed["g unknown"], printed["g known"]

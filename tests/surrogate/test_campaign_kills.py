@@ -80,6 +80,7 @@ def test_two_processes_give_the_bits_of_one_though_one_of_them_is_killed(undistu
     assert all(0.0 < value < 60.0 for value in seconds.values())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.fem
 def test_two_campaigns_at_once_on_one_store_end_with_the_same_bits(undisturbed, tmp_path):
