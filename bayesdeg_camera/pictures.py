@@ -18,12 +18,12 @@ from bayesdeg.actuator.inputs import paper_group_of
 from bayesdeg.actuator.line import MILLIMETRES_PER_METRE
 from bayesdeg.actuator.reading import line_of_reading
 from bayesdeg.analysis.calibrate import Fit
+from bayesdeg.data.levels import levels
 from bayesdeg.data.photographs import FOLDER, TracedPhotograph
 from bayesdeg.data.settings import Operator
 from bayesdeg.data.study import Study
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import read_bytes
-from bayesdeg.material.degradation import levels
 from bayesdeg.pages.folder import PICTURES, RunFolder
 from bayesdeg.pages.tables import PHOTO_LINES, TABLES
 from bayesdeg.run.deformed import fitted_inputs

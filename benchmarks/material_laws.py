@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.analysis.material_laws import NOISE, LawComparison, compare_laws
 from bayesdeg.assembly.outline import outline
 from bayesdeg.assembly.reading import read_study
-from bayesdeg.criticism.holdout.material_laws import NOISE, LawComparison, compare_laws
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.tensile import TensileCurves, tensile_curves
 from bayesdeg.priors import Distribution

@@ -15,7 +15,7 @@ from scipy.special import softmax
 
 from bayesdeg.analysis.calibrate import Fit
 from bayesdeg.analysis.judge import Judgement
-from bayesdeg.criticism.decide.counted import COMMON_FACTOR
+from bayesdeg.causes.common_factor import COMMON_FACTOR
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain

@@ -10,10 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.analysis.material_laws import NOISE, LawComparison, compare_laws
+from bayesdeg.analysis.order import OrderComparison, compare_orders
 from bayesdeg.criticism.fit.side_by_side import later
-from bayesdeg.criticism.holdout.material_laws import NOISE, LawComparison, compare_laws
 from bayesdeg.criticism.posterior.convergence import Convergence, diagnose
-from bayesdeg.criticism.posterior.order import OrderComparison, compare_orders
 from bayesdeg.data.settings import MaterialLaw
 from bayesdeg.data.study import Study
 from bayesdeg.inference.course import (

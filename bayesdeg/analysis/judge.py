@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.analysis.between_terms import term_trials
 from bayesdeg.analysis.calibrate import Fit, base_without_chain
+from bayesdeg.analysis.designs import candidate_experiments
 from bayesdeg.assembly.assemble import Assembly
 from bayesdeg.causes.catalogue import CATALOGUE, mechanism_of
 from bayesdeg.causes.cause import Cause, Stage
@@ -52,8 +54,6 @@ from bayesdeg.criticism.decide.verdict import (
     decide,
     uncalibrated,
 )
-from bayesdeg.criticism.experiments.between_terms import term_trials
-from bayesdeg.criticism.experiments.designs import candidate_experiments
 from bayesdeg.criticism.experiments.ranking import (
     ActuatorTests,
     Experiment,

@@ -125,28 +125,6 @@ def nodes_for(degradations: npt.ArrayLike, order: int = 2) -> Nodes:
     return NODES[min(order, distinct - 1)]
 
 
-LEVEL_WIDTH = 2.0  # degradation rates closer than this count as one level [%]
-
-
-def levels(
-    degradation: FloatArray,
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Group degradation rates into nominal levels; return the levels and each specimen's index.
-
-    Examples
-    --------
-    >>> centres, member = levels(np.array([0.0, 4.8, 5.3, 10.0]))
-    >>> centres.round(2).tolist(), member.tolist()
-    ([0.0, 5.05, 10.0], [0, 1, 1, 2])
-    """
-    order = np.argsort(degradation)
-    steps = np.diff(degradation[order]) > LEVEL_WIDTH
-    member = np.empty(len(degradation), dtype=np.int64)
-    member[order] = np.concatenate([[0], np.cumsum(steps)])
-    centres = np.array([degradation[member == k].mean() for k in range(member.max() + 1)])
-    return centres, member
-
-
 type _OfRates = Callable[[npt.ArrayLike, Nodes], FloatArray]
 
 FEW = 1000

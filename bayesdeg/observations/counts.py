@@ -23,7 +23,7 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdeg.causes.cause import Conditions
-from bayesdeg.material.degradation import levels
+from bayesdeg.data.levels import levels
 from bayesdeg.material.strength import Strength
 from bayesdeg.observations.arrays import chosen
 from bayesdeg.observations.curvature import ActuatorCurves, mechanics_inputs, parts_of

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayesdeg.data.levels import levels
 from bayesdeg.inference.model import JointModel
-from bayesdeg.material.degradation import levels
 from bayesdeg.material.hyperelastic import yeoh_basis
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.tensile import Tensile, film_readings, median_stresses, stress_variance

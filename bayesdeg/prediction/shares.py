@@ -26,10 +26,10 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 from threadpoolctl import threadpool_limits
 
+from bayesdeg.data.levels import levels
 from bayesdeg.data.uncertain import is_dimension
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.specimens import PAPER_STIFFNESS
 from bayesdeg.prediction.predictive import at_conditions

@@ -29,6 +29,7 @@ from bayesdeg.criticism.decide.verdict import Uncalibrated
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout import gain
 from bayesdeg.criticism.holdout.gain import LooPit, gain_table, mode_table
+from bayesdeg.data.levels import levels
 from bayesdeg.data.moisture import (
     MASS_LOSS_SLOPE,
     degradation_of_films,
@@ -44,7 +45,6 @@ from bayesdeg.extras import camera
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import EFFORTS
 from bayesdeg.inference.tree import to_datatree
-from bayesdeg.material.degradation import levels
 from bayesdeg.material.strength import draw_scores
 from bayesdeg.observations.breaks import Breaks
 from bayesdeg.observations.curvature import ActuatorCurves, Curvature

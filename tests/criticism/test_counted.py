@@ -7,7 +7,8 @@ import pytest
 
 from bayesdeg.analysis.calibrate import base_without_chain
 from bayesdeg.causes.catalogue import CATALOGUE
-from bayesdeg.criticism.decide.counted import COMMON_FACTOR, judge_counts
+from bayesdeg.causes.common_factor import COMMON_FACTOR
+from bayesdeg.criticism.decide.counted import judge_counts
 from bayesdeg.criticism.decide.verdict import decide
 from bayesdeg.criticism.fit.search import LEAST_FACTOR
 from bayesdeg.criticism.outcome import Outcome

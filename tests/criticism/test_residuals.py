@@ -16,7 +16,7 @@ from bayesdeg.criticism.checks.residuals import (
     where_films,
 )
 from bayesdeg.criticism.fit.linear import linearise
-from bayesdeg.material.degradation import levels
+from bayesdeg.data.levels import levels
 from bayesdeg.observations.curvature import CURVATURE, Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.tensile import Tensile, median_stresses

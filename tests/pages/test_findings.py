@@ -13,8 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayesdeg.analysis.designs import MOUNTS
 from bayesdeg.analysis.films import CommonError, CourseSummary
 from bayesdeg.analysis.judge import Description
+from bayesdeg.analysis.material_laws import FittedLaw, LawComparison, NoiseLevels
+from bayesdeg.analysis.order import OrderComparison, OrderFit
 from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.absorption import Absorption, Push
 from bayesdeg.criticism.checks.count_misfit import CountMisfit
@@ -42,7 +45,6 @@ from bayesdeg.criticism.decide.verdict import (
     TooLittleExplained,
     Uncalibrated,
 )
-from bayesdeg.criticism.experiments.designs import MOUNTS
 from bayesdeg.criticism.experiments.ranking import ExperimentPlan
 from bayesdeg.criticism.findings import (
     ColumnMisfit,
@@ -54,9 +56,7 @@ from bayesdeg.criticism.findings import (
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.holdout.gain import LooPit, Scatter
 from bayesdeg.criticism.holdout.leave_one_out import LeaveOneOut
-from bayesdeg.criticism.holdout.material_laws import FittedLaw, LawComparison, NoiseLevels
 from bayesdeg.criticism.posterior.convergence import Convergence
-from bayesdeg.criticism.posterior.order import OrderComparison, OrderFit
 from bayesdeg.criticism.posterior.prior_sensitivity import PriorSensitivity, Sensitivity
 from bayesdeg.inference.sampling import Effort
 from bayesdeg.pages.left_out import OptionalStage

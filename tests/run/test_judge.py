@@ -7,6 +7,7 @@ import pytest
 
 from bayesdeg.analysis import judge as judging
 from bayesdeg.analysis.calibrate import Fit, base_of
+from bayesdeg.analysis.designs import candidate_experiments
 from bayesdeg.analysis.judge import (
     JUDGE_EFFORTS,
     extended_model,
@@ -20,7 +21,6 @@ from bayesdeg.assembly.assemble import Assembly
 from bayesdeg.causes.catalogue import find
 from bayesdeg.criticism.decide.support import INSEPARABLE, Support
 from bayesdeg.criticism.decide.verdict import Decision
-from bayesdeg.criticism.experiments.designs import candidate_experiments
 from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.fit.trials import DECIDING
 from bayesdeg.criticism.outcome import Outcome

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from bayesdeg.analysis.material_laws import NOISE, compare_laws
 from bayesdeg.assembly.outline import outline
-from bayesdeg.criticism.holdout.material_laws import NOISE, compare_laws
 from bayesdeg.data.study import read_study
 from bayesdeg.observations.tensile import tensile_curves
 

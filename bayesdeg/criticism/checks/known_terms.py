@@ -38,8 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.data.levels import levels
 from bayesdeg.inference.model import JointModel
-from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
 from bayesdeg.observations.kinds import Places
 from bayesdeg.observations.specimens import FilmsAndActuators, young_modulus

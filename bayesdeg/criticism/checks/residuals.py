@@ -32,9 +32,9 @@ from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.findings import Concentration
 from bayesdeg.criticism.fit.linear import Linear
+from bayesdeg.data.levels import LEVEL_WIDTH, levels
 from bayesdeg.inference.model import JointModel
 from bayesdeg.inference.sampling import Chain
-from bayesdeg.material.degradation import LEVEL_WIDTH, levels
 from bayesdeg.observations.curvature import ACTUATOR, Curvature
 from bayesdeg.observations.kinds import Labels, Places
 from bayesdeg.observations.tensile import STRESS

@@ -15,7 +15,7 @@ from bayesdeg.criticism.checks.discrepancy import FEWEST, log_ratios
 from bayesdeg.criticism.fit.linear import columns_of, is_seen
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.outcome import MISFIT_LEVEL
-from bayesdeg.material.degradation import levels
+from bayesdeg.data.levels import levels
 
 Floats = NDArray[np.float64]
 

@@ -36,8 +36,8 @@ from scipy.optimize import minimize
 
 from bayesdeg.criticism.checks.discrepancy import discrepancy_roots
 from bayesdeg.criticism.fit.linear import Whitening, jacobian_of
+from bayesdeg.data.levels import levels
 from bayesdeg.inference.model import JointModel
-from bayesdeg.material.degradation import levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE, Curvature
 from bayesdeg.observations.kinds import Labels, Places
 from bayesdeg.observations.specimens import STIFFNESS_SCATTER

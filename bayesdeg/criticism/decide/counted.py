@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayesdeg.causes.cause import Cause, Effect, Stage, StrengthConditions
+from bayesdeg.causes.cause import Cause
+from bayesdeg.causes.common_factor import COMMON_FACTOR
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.count_misfit import (
     PUBLISHED,
@@ -42,12 +43,10 @@ from bayesdeg.data.settings import RUPTURE_CRITERIA
 from bayesdeg.inference.importance import about_mode
 from bayesdeg.inference.laplace import Evidence, approximate, weighted
 from bayesdeg.inference.model import AT_ONCE, JointModel
-from bayesdeg.material.strength import Strength
 from bayesdeg.observations.counts import Chances, RuptureCounts, chances_of
 from bayesdeg.observations.kinds import State
 from bayesdeg.observations.rupture import Rupture
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.priors import Parameter, TruncatedNormal
 
 Floats = NDArray[np.float64]
 
@@ -57,32 +56,6 @@ OTHERS_DRAWS = 1000
 """Draws for p-values by other criteria of rupture: simulated counts have the larger error."""
 CHANCE_SETS = 400
 """Simulated counts without an effect, for the factor exceeded by chance in 5 % of them."""
-
-
-def _cut_alike(strength: Strength, conditions: StrengthConditions, effect: Effect) -> Strength:
-    return strength.weakened(effect["cut"], np.zeros(1))
-
-
-COMMON_FACTOR = Cause(
-    name="common_factor",
-    stage=Stage.MATERIAL,
-    parameters=(
-        # the factor is 1.6 in the median and below 4 in 95 of 100 draws
-        Parameter(
-            "cut",
-            TruncatedNormal(0.0, 0.7, 0.0, np.inf),
-            "–",
-            "ln of the elongation limit of films over that of actuators, at all degradation rates",
-            0.0,
-        ),
-    ),
-    mechanism="a larger stressed volume or concentrated strain lowers all elongation limits alike",
-    typical={"cut": 0.5},
-    revealed_by="ruptures below the films' elongation limit, at all degradation rates",
-    on_strength=_cut_alike,
-)
-"""A size effect, or strain concentrated where walls meet: it may prevent naming a cause, but is not
-named itself, since counts cannot tell which of the two it is."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.fit.linear import Linear, Whitening, columns_of, is_seen, linearise, rooted
-from bayesdeg.material.degradation import levels
+from bayesdeg.data.levels import levels
 from bayesdeg.observations.curvature import Curvature
 from bayesdeg.observations.kinds import Deviations
 

@@ -19,9 +19,9 @@ from scipy.special import ndtri
 from bayesdeg.criticism.chance import chance_of
 from bayesdeg.criticism.checks.residuals import r_squared
 from bayesdeg.criticism.holdout.held_out import HeldOut, group_levels, standard_error
+from bayesdeg.data.levels import levels
 from bayesdeg.inference.density import log_ratio
 from bayesdeg.inference.model import JointModel
-from bayesdeg.material.degradation import levels
 
 Floats = NDArray[np.float64]
 

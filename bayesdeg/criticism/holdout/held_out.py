@@ -11,12 +11,12 @@ from scipy.special import logsumexp
 
 from bayesdeg.criticism.fit.side_by_side import in_order
 from bayesdeg.criticism.fit.trials import CandidateFit, firm, sharpened, wanted
+from bayesdeg.data.levels import levels
 from bayesdeg.inference.density import log_ratio
 from bayesdeg.inference.importance import about_mode, improved
 from bayesdeg.inference.laplace import Evidence, approximate
 from bayesdeg.inference.model import JointModel, blocks_of
 from bayesdeg.inference.sampling import Effort, sample
-from bayesdeg.material.degradation import levels
 from bayesdeg.priors import Named
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bayesdeg.material.degradation import levels as levels_of
+from bayesdeg.data.levels import levels as levels_of
 from bayesdeg.pages.drawing import (
     BASE_COLOUR,
     COLOURS,

@@ -12,7 +12,7 @@ from scipy.stats import beta
 
 from bayesdeg.criticism.checks.count_misfit import PUBLISHED
 from bayesdeg.criticism.findings import RuptureCountsEntry
-from bayesdeg.material.degradation import LEVEL_WIDTH
+from bayesdeg.data.levels import LEVEL_WIDTH
 from bayesdeg.pages.drawing import (
     BASE_COLOUR,
     COLOURS,

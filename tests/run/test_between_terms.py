@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from bayesdeg.analysis.between_terms import IN_QUESTION, term_cause, term_trials
 from bayesdeg.causes.cause import Conditions
 from bayesdeg.criticism.checks.discrepancy import measure
 from bayesdeg.criticism.checks.known_terms import RATE, Acts, known_terms
 from bayesdeg.criticism.checks.missing_terms import missing_terms
-from bayesdeg.criticism.experiments.between_terms import IN_QUESTION, term_cause, term_trials
 from bayesdeg.criticism.experiments.ranking import rank
 from bayesdeg.criticism.fit.linear import effects
 from tests.criticism import straight_subject as straight

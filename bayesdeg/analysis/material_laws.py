@@ -27,7 +27,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesdeg.criticism.holdout.held_out import standard_error
-from bayesdeg.material.degradation import levels as levels_of
+from bayesdeg.data.levels import levels as levels_of
 from bayesdeg.material.laws import (
     CONSTANTS,
     FORMS,

@@ -6,14 +6,14 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
 from bayesdeg.actuator.inputs import Further
-from bayesdeg.causes.catalogue import CATALOGUE, find
-from bayesdeg.criticism.experiments.designs import (
+from bayesdeg.analysis.designs import (
     MOUNTS,
     WARMER,
     Measurand,
     PartMeasurements,
     candidate_experiments,
 )
+from bayesdeg.causes.catalogue import CATALOGUE, find
 from bayesdeg.criticism.experiments.ranking import (
     LEAST,
     NO_CAUSE,

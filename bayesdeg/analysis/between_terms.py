@@ -31,7 +31,7 @@ from bayesdeg.criticism.checks.known_terms import (
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
 from bayesdeg.criticism.fit.linear import Linear
 from bayesdeg.criticism.fit.trials import CandidateFit, try_causes
-from bayesdeg.material.degradation import LEVEL_WIDTH, levels
+from bayesdeg.data.levels import LEVEL_WIDTH, levels
 from bayesdeg.observations.curvature import ACTUATOR, ANGLE, CURVATURE
 from bayesdeg.observations.specimens import FilmsAndActuators
 from bayesdeg.priors import Normal, Parameter

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.criticism.holdout import material_laws
-from bayesdeg.criticism.holdout.material_laws import (
+from bayesdeg.analysis import material_laws
+from bayesdeg.analysis.material_laws import (
     MOST,
     NOISE,
     Calibrated,

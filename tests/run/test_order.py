@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayesdeg.criticism.holdout.held_out import largest_k
-from bayesdeg.criticism.posterior.order import (
+from bayesdeg.analysis.order import (
     OrderComparison,
     OrderFit,
     compare_orders,
     films_alone,
     leave_films_out,
 )
+from bayesdeg.criticism.holdout.held_out import largest_k
 from bayesdeg.inference.importance import Proposal, improved, log_density
 from bayesdeg.inference.laplace import Laplace, approximate, evidence
 from bayesdeg.inference.model import JointModel, without
