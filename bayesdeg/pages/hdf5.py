@@ -5,7 +5,6 @@ the library may have the file.
 """
 
 import sys
-from functools import cache
 from pathlib import Path
 
 import h5py
@@ -14,6 +13,7 @@ from bayesdeg.limited import asked, ended
 
 SECONDS = 3  # of the processor: a posterior of 100 MB takes 0.4
 MEMORY_MB = 4000.0  # of addresses: Python with its libraries has about 600
+_SOUND: set[tuple[str, float]] = set()  # contents that another process has read to their end
 
 
 def refuse_unsound(path: Path, digest: str, *, most_mb: float) -> None:
@@ -24,7 +24,7 @@ def refuse_unsound(path: Path, digest: str, *, most_mb: float) -> None:
     path : Path
         The file.
     digest : str
-        Hash of its content: the same content is checked only once.
+        Hash of its content: sound content is checked only once, wherever it lies.
     most_mb : float
         Size up to which arrays are accepted [MB]; a file of a few kB may promise any.
 
@@ -46,18 +46,9 @@ def refuse_unsound(path: Path, digest: str, *, most_mb: float) -> None:
         ...
     ValueError: ...
     """
-    if fault := _fault(path.absolute(), digest, most_mb):
-        raise ValueError(fault)
-
-
-@cache
-def _fault(path: Path, _digest: str, most_mb: float) -> str:
-    """Return what is wrong with a file; empty if another process read it to its end."""
-    try:
-        asked(__file__, path, most_mb, library="the HDF5 library")
-    except ValueError as fault:
-        return str(fault)
-    return ""
+    if (digest, most_mb) not in _SOUND:
+        asked(__file__, path.absolute(), most_mb, library="the HDF5 library")
+        _SOUND.add((digest, most_mb))
 
 
 def _look_through(path: str, most_mb: float) -> bytes:
