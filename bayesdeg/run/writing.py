@@ -519,7 +519,8 @@ def life(found: "TableSources") -> pd.DataFrame | None:
     pressure = DUTY_SHARE * fit.model.world.largest_pressure
     specimens = draw_specimens(fit.model, fit.chain, found.generator, draws=LIFE_DRAWS)
     fresh = respond(specimens, 0.0, np.array([pressure])).curvature
-    wanted = DUTY_SHARE * float(np.nanmedian(fresh))
+    answered = fresh[np.isfinite(fresh)]
+    wanted = DUTY_SHARE * float(np.median(answered)) if answered.size else 0.0
     if not wanted > 0.0:
         return None
     duty = Duty(pressure, float(f"{wanted:.3g}"), RISK)

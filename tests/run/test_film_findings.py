@@ -1,5 +1,7 @@
 """What the films alone say, as tables, sentences and a figure of the report."""
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 
@@ -203,3 +205,12 @@ def test_the_posterior_of_the_course_is_kept(tmp_path, examined):
     again = course.model.log_prob(vectors.reshape(-1, 4))
     kept = folder.read_posterior(POSTERIOR_COURSE)["sample_stats"]["lp"].to_numpy().ravel()
     np.testing.assert_allclose(again, kept, rtol=1e-9, atol=1e-9)
+
+
+def test_there_is_no_default_life_where_no_draw_is_answered(monkeypatch):
+    found = MagicMock(has_actuators=True)
+    found.results.final.model.world.largest_pressure = 240.0
+    for name in ("kind_of", "Posterior", "draw_specimens", "respond"):
+        monkeypatch.setattr(writing, name, MagicMock())
+    writing.respond.return_value.curvature = np.full((3, 1), np.nan)
+    assert writing.life(found) is None
