@@ -84,6 +84,9 @@ def test_the_layers_are_kept(monkeypatch, capsys):
 def test_no_contract_has_an_exception():
     assert not any(contract.get("ignore_imports") for contract in CONTRACTS["contracts"])
     assert CONTRACTS["root_packages"] == [PACKAGE.name, CAMERA.name]
+    cameras = CONTRACTS["contracts"][1]
+    assert cameras["source_modules"] == [PACKAGE.name]
+    assert set(cameras["forbidden_modules"]) == {CAMERA.name, "cv2", "roifile", "ezc3d"}
 
 
 def test_no_module_declares_names_to_type_checkers_alone():

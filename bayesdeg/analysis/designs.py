@@ -25,6 +25,7 @@ from bayesdeg.criticism.experiments.ranking import (
     FilmTests,
     VolumeTests,
 )
+from bayesdeg.data.levels import LEVEL_WIDTH, levels
 from bayesdeg.inference.model import JointModel
 from bayesdeg.material.degradation import young_modulus
 from bayesdeg.material.hyperelastic import yeoh_basis
@@ -40,7 +41,6 @@ Floats = NDArray[np.float64]
 MOST_STEPS = 16
 MOST_COPIES = 3
 DWELL = 10.0  # s between readings where the study recorded no time
-SAME_LEVEL = 2.5  # points of degradation: closer rates count as the same level
 LONG = 300.0  # s at one pressure
 
 
@@ -53,7 +53,7 @@ class ActuatorDesign:
     data : ActuatorCurves
         The tests.
     levels : tuple of float
-        Degradation rates [%], rising; rates nearer than 2.5 points are one.
+        Nominal degradation levels [%], ascending.
     copies : int
         Specimens of a level, the median, at most 3.
     timed : bool
@@ -71,16 +71,13 @@ class ActuatorDesign:
     @classmethod
     def of(cls, data: ActuatorCurves) -> Self:
         """Return the design of a study's actuator tests."""
-        rates = data.degradation[:, 0]
-        rising = np.sort(rates)
-        groups = np.split(rising, np.flatnonzero(np.diff(rising) >= SAME_LEVEL) + 1)
-        levels = tuple(float(round(group.mean(), 1)) for group in groups)
-        counts = [len(_near(data, level)) for level in levels]
+        centres = levels(data.degradation[:, 0])[0].round(1).tolist()
+        counts = [len(_near(data, level)) for level in centres]
         steps = np.diff(data.time, axis=1)[data.mask[:, 1:]]
         steps = steps[steps > 0.0]
         return cls(
             data,
-            levels,
+            tuple(centres),
             int(np.clip(np.median(counts), 1, MOST_COPIES)),
             bool(np.isfinite(data.time).any()),
             float(np.median(steps)) if len(steps) else DWELL,
@@ -109,10 +106,10 @@ class ActuatorDesign:
 
     def another_level(self, last_of_films: float) -> float | None:
         """Return an untested degradation rate at which the films' law is known."""
-        if last_of_films - self.levels[-1] > SAME_LEVEL:
+        if last_of_films - self.levels[-1] > LEVEL_WIDTH:
             return last_of_films
         gaps = np.diff(self.levels)
-        if not len(gaps) or gaps.max() < 2.0 * SAME_LEVEL:
+        if not len(gaps) or gaps.max() < 2.0 * LEVEL_WIDTH:
             return None
         widest = int(np.argmax(gaps))
         return float(round(self.levels[widest] + 0.5 * gaps[widest], 1))
@@ -221,12 +218,12 @@ class FilmDesign:
     def of(cls, data: TensileCurves) -> Self:
         """Return the design of a study's film tests."""
         level = float(data.degradation.min())
-        there = int(np.sum(np.abs(data.degradation - level) < SAME_LEVEL))
+        there = int(np.sum(np.abs(data.degradation - level) <= LEVEL_WIDTH))
         return cls(data, level, min(there, MOST_COPIES))
 
     def curves(self, mode: str) -> TensileCurves:
         """Return a test of one film in a new mode, up to half the elongation reached so far."""
-        rows = np.flatnonzero(np.abs(self.data.degradation - self.level) < SAME_LEVEL)
+        rows = np.flatnonzero(np.abs(self.data.degradation - self.level) <= LEVEL_WIDTH)
         largest = float(np.median(self.data.stretch[rows].max(axis=1)))
         count = min(int(self.data.mask[rows].sum(axis=1).max()), MOST_STEPS)
         # other modes break earlier, and strain the material more
@@ -263,7 +260,7 @@ def _most_common[T: np.generic](values: NDArray[T]) -> T:
 def _near(data: ActuatorCurves, level: float) -> NDArray[np.intp]:
     """Return the specimens at a level, or the nearest one."""
     distance = np.abs(data.degradation[:, 0] - level)
-    return np.flatnonzero(distance <= max(SAME_LEVEL, float(distance.min())))
+    return np.flatnonzero(distance <= max(LEVEL_WIDTH, float(distance.min())))
 
 
 Flags = NDArray[np.bool_]

@@ -1,4 +1,12 @@
-"""Common factor: all actuators break at a share of their films' limit, whatever the reason."""
+"""Common factor: actuators break at a fixed share of their films' elongation limit.
+
+Equation
+    ln ε_max → ln ε_max − cut, at every degradation rate.
+
+It stands for a size effect, or for strain concentrated where walls meet. It is not in the
+catalogue: it may prevent naming a cause but is not named itself, since counts cannot tell which of
+the two it is.
+"""
 
 import numpy as np
 
@@ -29,5 +37,3 @@ COMMON_FACTOR = Cause(
     revealed_by="ruptures below the films' elongation limit, at all degradation rates",
     on_strength=_cut_alike,
 )
-"""A size effect, or strain concentrated where walls meet: it may prevent naming a cause, but is not
-named itself, since counts cannot tell which of the two it is."""

@@ -84,8 +84,9 @@ def extend(
     ([20.0, 40.0, 60.0], ('a',))
     """
     before = _texts(recorded, FILE)
-    known = before.iloc[:0] if earlier is None else _texts(earlier, FILE)
-    before = before if earlier is None else _merged(before, known)
+    known = None if earlier is None else _texts(earlier, FILE)
+    if known is not None:
+        before = _merged(before, known)
     rows = _texts(new, file)
     faults = list(_alone(new, file, rows, before, degradation_sd_pct))
     if faults:
@@ -98,7 +99,7 @@ def extend(
     faults += [] if faults else _after_rupture(table.frame, whole, file)
     if faults:
         raise StudyError(faults)
-    added = (rows if earlier is None else pd.concat([known, rows])).fillna("")
+    added = (rows if known is None else pd.concat([known, rows])).fillna("")
     specimens = tuple(dict.fromkeys(rows[SPECIMEN].tolist()))
     filled = tuple(str(n) for n in rows if n != _ORIGIN and (rows[n].str.strip() != "").any())
     return ExtendedTable(table, _to_csv(added.drop(columns=_ORIGIN)), specimens, len(rows), filled)

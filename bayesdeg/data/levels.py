@@ -1,4 +1,4 @@
-"""Which degradation rates count as one nominal level."""
+"""Nominal degradation levels: which degradation rates count as one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,21 @@ LEVEL_WIDTH = 2.0  # degradation rates closer than this count as one level [%]
 
 
 def levels(degradation: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Group degradation rates into nominal levels; return the levels and each specimen's index.
+    """Group degradation rates into nominal levels.
+
+    In ascending order, a new level begins where the next rate is more than `LEVEL_WIDTH` higher.
+
+    Parameters
+    ----------
+    degradation : array, shape (S,)
+        Degradation rates of specimens [%].
+
+    Returns
+    -------
+    centres : array, shape (L,)
+        Mean rate of each level [%], ascending.
+    member : array of int, shape (S,)
+        The level of each specimen.
 
     Examples
     --------

@@ -31,6 +31,7 @@ from tests.actuator.geometries import (
     cavity,
     geometry_named,
 )
+from tests.marks import long_unless
 
 ONE = np.ones((1, 1))
 # every input of the model at a typical size
@@ -223,17 +224,11 @@ def test_a_segment_pressed_in_both_halves_does_not_bend(name, bent):
     assert np.all(one.bend_angle > bent)
 
 
-def all_but_first_long(names):
-    """Mark all names but the first: each solves curves anew."""
-    first, *others = names
-    return [first, *(pytest.param(name, marks=pytest.mark.long) for name in others)]
-
-
 ASSEMBLED_TWICE = ("ribbed", "ribbed without layer", "ribbed with a slab", "channels", "round")
 
 
 @pytest.mark.fem
-@pytest.mark.parametrize("name", all_but_first_long(ASSEMBLED_TWICE))
+@pytest.mark.parametrize("name", [long_unless(n == "ribbed", n) for n in ASSEMBLED_TWICE])
 def test_both_assemblies_solve_the_same_curve(name):
     """See also test_weak_form.py; the weak form knows no tetrahedra."""
     ours = Actuator(build_mesh(GEOMETRIES[name], ONE_ELEMENT_A_WALL))
@@ -301,7 +296,7 @@ DIFFERENTIATED = {
 
 
 @pytest.mark.fem
-@pytest.mark.parametrize("name", all_but_first_long(DIFFERENTIATED))
+@pytest.mark.parametrize("name", [long_unless("film" in n, n) for n in DIFFERENTIATED])
 def test_derivatives_are_those_of_curves_solved_again(name, tmp_path):
     """Central differences over 0.2 % of an input; by its layer's stiffness too."""
     geometry = geometry_named(name, tmp_path)

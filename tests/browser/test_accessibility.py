@@ -9,6 +9,7 @@ from axe_playwright_python.sync_playwright import Axe
 from bayesdeg.criticism.outcome import Outcome
 from bayesdeg.pages.page import build_page
 from tests.browser.chromium import NEEDED
+from tests.marks import long_unless
 from tests.pages.synthetic_run import write_bare, write_full
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +59,7 @@ PLAIN = {("treloar", WIDE), ("ambiguous", NARROW), ("bare", NARROW)}
 @pytest.mark.parametrize(
     ("name", "width", "scheme"),
     [
-        pytest.param(name, *shape, marks=() if (name, shape) in PLAIN else pytest.mark.long)
+        long_unless((name, shape) in PLAIN, name, *shape)
         for name in NAMES
         for shape in (WIDE, NARROW)
     ],

@@ -17,6 +17,7 @@ from bayesdeg.causes.catalogue import CATALOGUE
 from bayesdeg.criticism.checks.known_terms import Acts, Form, KnownColumns
 from bayesdeg.criticism.decide.verdict import SharedByLevel
 from tests.hidden_effects.judging import Verdict, side_by_side
+from tests.marks import long_unless
 from tests.regression.test_frozen_numbers import JUDGED_ELSEWHERE, assert_concluded
 
 pytestmark = pytest.mark.slow
@@ -40,13 +41,8 @@ ALIKE = {
 }
 NO_ANGLE, WITHOUT = (WALLS, SHRUNK), "without angle"
 FARTHEST = 3.5  # standard deviations of a size
-# a study for each kind of outcome but `ambiguous`; all take ten times as long
+# a study for each outcome but `ambiguous`; the full set takes several times as long
 PLAIN = {"01", NOTHING, OUTSIDE, FLAWS}
-
-
-def long_unless_plain(number, *further):
-    """Mark the parameters of a study that a plain run leaves out."""
-    return pytest.param(number, *further, marks=() if number in PLAIN else pytest.mark.long)
 
 
 def hidden_in(number: str) -> dict[str, dict[str, float]]:
@@ -140,7 +136,7 @@ def test_every_cause_of_the_catalogue_is_hidden():
     assert hidden == set(CATALOGUE) - COUNTED_ALONE - STATED_ALONE
 
 
-@pytest.mark.parametrize("number", [long_unless_plain(number) for number in SINGLE])
+@pytest.mark.parametrize("number", [long_unless(n in PLAIN, n) for n in SINGLE])
 def test_a_single_cause_is_named_with_its_size(verdicts, number):
     assert_found(verdicts[number].result().plain, hidden_in(number))
 
@@ -282,7 +278,7 @@ def test_what_is_concluded_is_what_is_frozen(verdicts, number):
     assert_concluded(verdicts[number].result().concluded, JUDGED_ELSEWHERE)
 
 
-IDLE = [long_unless_plain(number, name) for number in (*SINGLE, TWO) for name in hidden_in(number)]
+IDLE = [long_unless(n in PLAIN, n, name) for n in (*SINGLE, TWO) for name in hidden_in(n)]
 
 
 @pytest.mark.parametrize(("number", "name"), IDLE)

@@ -14,6 +14,7 @@ from bayesdeg.pages.page import build_page, render
 from bayesdeg.pages.record import UpdateEntry
 from bayesdeg.pages.summaries import by_level, several_levels
 from bayesdeg.pages.tables import TABLES, Tables
+from tests.marks import long_unless
 from tests.pages.html_reading import numbers_in, read_html, table_cells
 from tests.pages.synthetic_run import write_bare, write_full
 
@@ -323,7 +324,7 @@ def test_what_is_missing_is_said_in_its_place(built):
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=() if n in ("bands", "gain") else pytest.mark.long) for n in MISSING],
+    [long_unless(n in ("bands", "gain"), n) for n in MISSING],
 )
 def test_one_missing_table_takes_nothing_else_away(built, name):
     folder, _ = built("named")

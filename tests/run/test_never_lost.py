@@ -35,6 +35,7 @@ from bayesdeg.prediction import prior_predictive
 from bayesdeg.run import record, writing
 from bayesdeg.run import stages as run
 from bayesdeg.run import writing as deciding
+from tests.marks import long_unless
 from tests.pages.html_reading import read_html
 from tests.run.planted_offset import emulator, planted_study
 
@@ -68,14 +69,6 @@ PLAIN = {
     *("gain.csv", "figure bands", OptionalStage.VERDICT, OptionalStage.HELD_OUT),
     *(OptionalStage.COURSE, OptionalStage.ORDERS, OptionalStage.PAGE),
 }
-
-
-def tried(plain):
-    """Return all stages, those that a plain run leaves out marked."""
-    return [
-        pytest.param(stage, id=str(stage), marks=() if stage in plain else pytest.mark.long)
-        for stage in STAGES
-    ]
 
 
 # what goes with a stage
@@ -255,7 +248,7 @@ def test_a_run_in_which_nothing_breaks_leaves_nothing_out(whole):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", tried(PLAIN))
+@pytest.mark.parametrize("stage", [long_unless(s in PLAIN, s, id=str(s)) for s in STAGES])
 def test_a_stage_that_breaks_is_left_out_and_all_else_is_written(
     cheap, whole, stage, tmp_path, monkeypatch, capsys
 ):
@@ -324,7 +317,9 @@ def assert_judged_as_far_as_known(stage, verdict):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", tried({OptionalStage.VERDICT, "figure bands"}))
+@pytest.mark.parametrize(
+    "stage", [long_unless(s == OptionalStage.VERDICT, s, id=str(s)) for s in STAGES]
+)
 def test_ctrl_c_stops_a_run_in_any_stage(cheap, whole, stage, tmp_path, monkeypatch):
     broken_at(stage, KeyboardInterrupt(), monkeypatch)
     code, found = command_of(cheap, tmp_path / "run", monkeypatch)

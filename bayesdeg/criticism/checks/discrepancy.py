@@ -41,8 +41,8 @@ DRIFT, EACH = 12.0, 2.0
 EVERYWHERE = 1e3
 ALIKE = (1.0, 0.0)
 """Discrepancy of the other kinds of a family relative to that of the first."""
-SMALLEST = 1e-8
-"""Share of the largest variance at which a kernel's directions are cut off."""
+RANK_TOLERANCE = 1e-8
+"""Share of the largest variance below which directions of a kernel are dropped."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def discrepancies(linear: Linear) -> tuple[Discrepancy, ...]:
     for family, label, root in discrepancy_roots(linear.subject.places, linear.mean):
         half = linear.whiten_columns(root)
         values, turned = np.linalg.eigh(half.T @ half)
-        keep = values > SMALLEST * max(float(values[-1]), 1e-300)
+        keep = values > RANK_TOLERANCE * max(float(values[-1]), 1e-300)
         vectors = half @ turned[:, keep] / np.sqrt(values[keep])
         found.append(Discrepancy(family, label, values[keep], vectors))
     return tuple(found)
@@ -90,8 +90,8 @@ def discrepancy_roots(places: Places, mean: Floats) -> Iterator[tuple[str, str, 
                 envelope[own] = share * (size + 0.1 * size.max(initial=0.0))
             for label, correlation in shapes:
                 kernel = correlation * np.outer(envelope[rows], envelope[rows])
-                # a factor of low rank, by Cholesky with pivots
-                tolerance = SMALLEST * float(np.diag(kernel).max())
+                # pivoted Cholesky: a low-rank factor, cheaper than an eigendecomposition
+                tolerance = RANK_TOLERANCE * float(np.diag(kernel).max())
                 factor, pivots, rank, _ = dpstrf(kernel, lower=1, tol=tolerance)
                 whole = np.zeros((len(rows), rank))
                 whole[np.flatnonzero(rows)[pivots - 1]] = np.tril(factor)[:, :rank]
