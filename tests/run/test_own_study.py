@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import bayesdeg as bd
+from bayesdeg.analysis.model_kind import kind_of
 from bayesdeg.assembly.assemble import assemble
 from bayesdeg.assembly.reading import read_study
 from bayesdeg.cli import app
@@ -19,6 +20,7 @@ from bayesdeg.inference.model import CountedDensity, Refusals
 from bayesdeg.pages.folder import RunFolder
 from bayesdeg.pages.headline import doubts_of, forward_map_words
 from bayesdeg.pages.wording import SPACE
+from bayesdeg.prediction.stored import bends_actuators
 from bayesdeg.run.stages import fingerprint
 
 FALL_TIMES = Path(__file__).parents[2] / "studies" / "fall_times"
@@ -93,6 +95,14 @@ def test_readings_parameters_and_causes_become_a_model(folder):
     vectors = found.model.table.vectors({"k": np.array([2.0]), "length_mm_error": np.array([0.1])})
     np.testing.assert_allclose(found.model.expected(vectors), [2.0 * table["force_N"]])
     assert set(study.hashes) == {"study.toml", "readings.csv", "model.py", "causes/offset.py"}
+
+
+def test_parameters_named_as_those_of_actuators_make_it_none(folder):
+    changed(folder, "study.toml", "k =", "paper_stiffness =")
+    changed(folder, "model.py", '"k"', '"paper_stiffness"')
+    model = assemble(read_study(folder)).model
+    assert bends_actuators(model.table.names)
+    assert not kind_of(model).is_averaged(model)
 
 
 def test_the_same_model_is_had_from_the_folder_and_from_python(folder):
