@@ -321,6 +321,39 @@ def off_end(share: float) -> Mounted:
     return lambda level: Mounting(Bond(off_end=share).grown(level, WORST))
 
 
+FILLING, TURNING, SETTLED = 0.25, 2.0, 8.0
+"""Of a regulator [s]: time constant of the chambers behind its open valve, time in which its knob
+is turned from one setting to the next, and time after that before anything is read."""
+STEP = 0.02  # s
+
+
+def behind_valve(settings: Floats, friction: float) -> Floats:
+    """Return pressures in chambers behind a regulator that vents, whose valve rubs [kPa].
+
+    The spring that the knob sets and the chambers push on either side of a diaphragm, which moves
+    once their difference exceeds the friction of its valve, and opens the inlet or the vent as far
+    as it exceeds it. Air then flows in proportion.
+
+    Parameters
+    ----------
+    settings : array, shape (..., n)
+        From one to the next of which the knob is turned, the first from 0 [kPa].
+    friction : float
+        Over the area of the diaphragm [kPa].
+    """
+    knob, inside = np.zeros(settings.shape[:-1]), np.zeros(settings.shape[:-1])
+    found = np.zeros(settings.shape)
+    share = -np.expm1(-STEP / FILLING)
+    for place in range(settings.shape[-1]):
+        last, knob = knob, settings[..., place]
+        for time in np.arange(STEP, TURNING + SETTLED, STEP):
+            spring = last + (knob - last) * min(time / TURNING, 1.0)
+            net = spring - inside
+            inside = inside + share * np.sign(net) * np.maximum(np.abs(net) - friction, 0.0)
+        found[..., place] = inside
+    return found
+
+
 # what happens, by the entry that stands for it: each of a size over the usual one
 
 
@@ -628,6 +661,20 @@ def small_core(size: float, generator: np.random.Generator) -> Physical:
     return Physical("wall_thickness", values, exact=False, moulded=moulded)
 
 
+def rubbing_valve(size: float, generator: np.random.Generator) -> Physical:
+    """The valve of the regulator rubs; its knob is turned to zero between cycles."""
+    friction = 6.0 * size
+
+    def met(inputs: Inputs, tests: Tests) -> Inputs:
+        cycle = tests.column("cycle")[0].astype(int)  # the same tests of all
+        rests = np.flatnonzero(np.diff(cycle) != 0) + 1
+        settings = np.insert(inputs.pressure, rests, 0.0, axis=-1)
+        inside = behind_valve(settings, friction)
+        return replace(inputs, pressure=np.delete(inside, rests + np.arange(len(rests)), axis=-1))
+
+    return Physical("hysteresis", {"friction": friction}, met=met)
+
+
 HAPPENS: Mapping[str, Callable[[float, np.random.Generator], Physical]] = {
     "pressure_offset": other_weather,
     "pressure_loss": leaking_crack,
@@ -653,18 +700,25 @@ HAPPENS: Mapping[str, Callable[[float, np.random.Generator], Physical]] = {
     "creep": relaxing,
     "humidity_drift": drying,
     "mullins": worked,
+    "hysteresis": rubbing_valve,
 }
 """By the entry of the catalogue that stands for it."""
+LATER = ("hysteresis",)
+"""Entries that came after the first two draws, in which they would change what is drawn."""
 CHEAP = tuple(
-    name for name in HAPPENS if not HAPPENS[name](1.0, np.random.default_rng(0)).is_solved
+    name
+    for name in HAPPENS
+    if name not in LATER and not HAPPENS[name](1.0, np.random.default_rng(0)).is_solved
 )
 """Those for which nothing is solved; two at once are drawn of them."""
-SINGLE_DRAW, PAIR_DRAW = 700, 1000
-"""Numbers of the first study with one effect, each entry in turn, and of the first with two."""
+SINGLE_DRAW, PAIR_DRAW, LATER_DRAW = 700, 1000, 2000
+"""Numbers of the first study with one effect, each entry in turn, of the first with two, and of the
+first with one of `LATER`."""
 SIZES = (1.0, 1.3, 1.6)  # over the usual size
 #: Show only there: batches and warmth are noted in any design, little scatter shows them.
 DESIGN_OF = {
     **ONLY_IN,
+    "hysteresis": "history",
     **dict.fromkeys(("delamination", "erosion", "wall_thickness", "degradation_scale"), "careful"),
     **dict.fromkeys(("gauge_gain", "degraded_shrinkage", "temperature_softening"), "careful"),
 }
@@ -684,11 +738,16 @@ class PhysicalStudy(HiddenStudy):
 
 
 def drawn_by_physics(number: int, *, seed: int) -> PhysicalStudy:
-    """Draw a study: from `SINGLE_DRAW` on one effect, from `PAIR_DRAW` on two at once."""
+    """Draw a study: from `SINGLE_DRAW` on one effect, from `PAIR_DRAW` on two at once.
+
+    From `LATER_DRAW` on it is one of `LATER`.
+    """
     generator = np.random.default_rng((seed, number))
-    pair = number >= PAIR_DRAW
-    names = CHEAP if pair else tuple(HAPPENS)
-    first = names[(number - (PAIR_DRAW if pair else SINGLE_DRAW)) % len(names)]
+    pair = PAIR_DRAW <= number < LATER_DRAW
+    begun, names = SINGLE_DRAW, tuple(name for name in HAPPENS if name not in LATER)
+    if number >= PAIR_DRAW:
+        begun, names = (PAIR_DRAW, CHEAP) if pair else (LATER_DRAW, LATER)
+    first = names[(number - begun) % len(names)]
     design = DESIGN_OF.get(first, str(generator.choice(["angle", "angle", "careful", "curvature"])))
     size = float(generator.choice(SIZES))
     chosen = [first]

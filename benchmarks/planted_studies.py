@@ -152,9 +152,12 @@ REACH = 1.5  # mm that what degrades comes into the walls
 OFF = 0.5  # of the length, of the paper at 25 %
 
 
-def _met(name: str) -> Met | None:
-    """Return what the mechanics meets of an effect of the usual size."""
-    return HAPPENS[name](1.0, np.random.default_rng(0)).met
+RUBBING = 1.5  # friction of a regulator set by hand, over the usual one
+
+
+def _met(name: str, size: float = 1.0) -> Met | None:
+    """Return what the mechanics meets of an effect, by default of the usual size."""
+    return HAPPENS[name](size, np.random.default_rng(0)).met
 
 
 PLANTED = {
@@ -236,6 +239,9 @@ PLANTED = {
         met=_met("temperature_softening"),
         noted={"temperature_C": (19.0, 22.0, 27.0)},
         noted_of_films={"temperature_C": OF_FILMS},
+    ),
+    "hysteresis": Planted(
+        "history", {"hysteresis": {"friction": 6.0 * RUBBING}}, met=_met("hysteresis", RUBBING)
     ),
 }
 

@@ -68,7 +68,7 @@ CAUSE = Cause(
     typical={"amount": 0.15, "time_constant": 30.0},
     revealed_by="curvature that grows with the time a pressure is held and lags on unloading; "
     "refuted by the same curvature after short and long holds",
-    confusable_with=("humidity_drift", "film_mismatch", "mullins"),
+    confusable_with=("humidity_drift", "film_mismatch", "mullins", "hysteresis"),
     needs=("time_s",),
     on_inputs=creep_under_load,
     blind=without_time,

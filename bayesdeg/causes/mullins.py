@@ -132,7 +132,7 @@ CAUSE = Cause(
     typical={"softening": 0.2, "onset": 0.1},
     revealed_by="unloading and later cycles above the first loading, regardless of holds; refuted "
     "by a second loading that repeats the first",
-    confusable_with=("creep",),
+    confusable_with=("creep", "hysteresis"),
     on_inputs=soften_below_largest,
     blind=first_loading_only,
 )

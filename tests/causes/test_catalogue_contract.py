@@ -57,6 +57,7 @@ NAMES = (
     "gauge_gain",
     "batch_stiffness",
     "temperature_softening",
+    "hysteresis",
 )
 SECTIONS = ("Mechanism", "Equation", "Typical size", "Revealed by", "Refuted by", "Source")
 
@@ -288,8 +289,9 @@ def test_a_draw_changes_the_likelihood_if_and_only_if_the_tests_can_reveal_it(
     before = model.log_likelihood(base_values)
     after = model.extended(cause).log_likelihood(base_values | draws)
     changed = any(not np.array_equal(before[kind], after[kind]) for kind in before)
-    # dry air acts whether its humidity was recorded or not, but is judged only where it was
-    assert changed == (revealed or cause.name == "dry_embrittlement")
+    # dry air acts whether its humidity was recorded or not, and friction without unloading too, but
+    # they are judged only where it was, and where there is some
+    assert changed == (revealed or cause.name in {"dry_embrittlement", "hysteresis"})
 
 
 @each_cause

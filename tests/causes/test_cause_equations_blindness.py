@@ -105,6 +105,16 @@ def test_mullins_needs_readings_after_the_first_loading():
     assert cause.blind(conditions_of(again)) is None
 
 
+def test_friction_needs_both_branches_of_a_specimen():
+    cause = find("hysteresis")
+    assert cause.needs == ("branch",)
+    down = np.arange(23) > 11
+    assert cause.blind(conditions_of(THERE_AND_BACK, unloading=down)) is None
+    apart = np.broadcast_to(np.arange(6)[:, None] > 2, (6, 23))
+    for unloading in (False, True, apart):
+        assert cause.blind(conditions_of(THERE_AND_BACK, unloading=np.array(unloading)))
+
+
 def test_gravity_needs_a_mount_that_is_not_horizontal():
     cause = find("gravity")
     assert cause.needs == ("mount",)
@@ -115,7 +125,7 @@ def test_gravity_needs_a_mount_that_is_not_horizontal():
 
 def test_other_causes_are_never_hidden_by_the_conditions():
     hidden = {*NEED_DEGRADED, *OF_RUPTURE, "creep", "humidity_drift", "mullins", "gravity"}
-    hidden |= {*ROOMS}
+    hidden |= {*ROOMS, "hysteresis"}
     for name in CATALOGUE.keys() - hidden:
         assert find(name).blind(FRESH_ONLY) is None, name
 

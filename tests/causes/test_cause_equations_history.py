@@ -1,4 +1,4 @@
-"""Causes that remember: creep, drying and softening against the same laws solved step by step."""
+"""Causes that remember: creep, drying, softening, friction against laws solved step by step."""
 
 from dataclasses import replace
 
@@ -13,6 +13,7 @@ from bayesdeg.causes.cause import Conditions
 from bayesdeg.causes.creep import creep_under_load
 from bayesdeg.causes.history import filled, known_time, lagging
 from bayesdeg.causes.humidity_drift import dry_out, dryness
+from bayesdeg.causes.hysteresis import lag_behind, played
 from bayesdeg.causes.mullins import ratio_to_largest, soften_below_largest
 from tests.causes.default_actuator import LOADING, THERE_AND_BACK, effect, inputs_of
 
@@ -228,3 +229,61 @@ def test_mullins_does_not_wait(hold):
     inputs = inputs_of(THERE_AND_BACK, FRESH)
     load = soften_below_largest(inputs, there, effect(softening=0.2, onset=0.1)).pressure[0, 0]
     np.testing.assert_array_equal(load, softened(THERE_AND_BACK, 0.2))
+
+
+def played_by_steps(pressure, friction, begins):
+    """The play operator as it is defined, one reading after another."""
+    chambers, found = 0.0, []
+    for p, new in zip(pressure, begins, strict=True):
+        for target in (0.0, p) if new else (p,):
+            chambers = max(target - friction, min(target + friction, chambers))
+        found.append(chambers)
+    return found
+
+
+@given(
+    readings=st.lists(st.tuples(st.floats(0.0, 240.0), st.booleans()), min_size=1, max_size=40),
+    friction=st.floats(0.0, 50.0),
+)
+def test_friction_plays_along_any_path(readings, friction):
+    pressure, begins = (np.array(column) for column in zip(*readings, strict=True))
+    got = played(pressure[None, None], np.full((1, 1, 1), friction), begins[None])[0, 0]
+    np.testing.assert_allclose(got, played_by_steps(pressure, friction, begins), atol=1e-12)
+    assert np.all((got >= 0.0) & (got <= pressure.max()))
+
+
+def rubbed(pressure, friction, cycle=1):
+    conditions = replace(experiment(pressure), cycle=np.broadcast_to(cycle, (1, len(pressure))))
+    inputs = inputs_of(conditions.pressure, FRESH)
+    return lag_behind(inputs, conditions, effect(friction=friction)).pressure
+
+
+def test_friction_lags_on_both_branches():
+    """Steps of 20 kPa pass the dead band of 18 kPa at once, and one of 20 kPa not that of 24."""
+    pressure = rubbed(THERE_AND_BACK, 9.0)[0, 0]
+    np.testing.assert_allclose(pressure[:12], LOADING - 9.0)
+    np.testing.assert_allclose(pressure[12:], THERE_AND_BACK[12:] + 9.0)
+    np.testing.assert_allclose(rubbed(THERE_AND_BACK, 12.0)[0, 0, 11:14], [228.0, 228.0, 212.0])
+
+
+def test_friction_keeps_its_pressure_at_a_reversal_and_what_it_holds_at_the_end():
+    np.testing.assert_allclose(rubbed([4.0, 100.0, 100.0, 95.0, 0.0], 6.0), [[[0, 94, 94, 94, 6]]])
+
+
+def test_a_new_cycle_begins_at_zero():
+    """Read at the lowest pressure twice, on the way down and on the next way up."""
+    path = [20.0, 60.0, 20.0, 20.0, 60.0]
+    one, two = rubbed(path, 9.0), rubbed(path, 9.0, [1, 1, 1, 2, 2])
+    np.testing.assert_allclose(one, [[[11, 51, 29, 29, 51]]])
+    np.testing.assert_allclose(two, [[[11, 51, 29, 11, 51]]])
+
+
+def test_friction_is_one_walker_and_one_specimen_at_a_time():
+    conditions = experiment([THERE_AND_BACK, 0.5 * THERE_AND_BACK])
+    inputs = replace(
+        inputs_of(THERE_AND_BACK, np.zeros((2, 1))), pressure=conditions.pressure[None]
+    )
+    together = lag_behind(inputs, conditions, effect(friction=[3.0, 14.0])).pressure
+    for walker, friction in enumerate((3.0, 14.0)):
+        for row, path in enumerate(conditions.pressure):
+            np.testing.assert_array_equal(together[walker, row], rubbed(path, friction)[0, 0])

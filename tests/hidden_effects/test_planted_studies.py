@@ -3,7 +3,8 @@
 The folders, and the truths that no process that judges opens, are made by
 benchmarks/planted_studies.py; the numbers are those of its studies. Creep, softening,
 degradation from the surfaces and paper that comes off are planted by physics of their own, not by
-functions of causes. So are shrinkage, rates of another basis, a gauge's gain, batches and warmth.
+functions of causes. So are shrinkage, rates of another basis, a gauge's gain, batches, warmth and
+friction.
 """
 
 import json

@@ -26,7 +26,8 @@ EXACT = [n for n, one in EFFECTS.items() if one.exact and one.met is not None]
 
 def design_of(*names):
     effects = [EFFECTS[name] for name in names]
-    whole = hidden.designs()["mounts" if "gravity" in names else "careful"]
+    [name] = {physical.DESIGN_OF.get(name, "careful") for name in names}
+    whole = hidden.designs()[name]
     return physical.design_with(effects, whole, "")
 
 
@@ -41,7 +42,12 @@ def conditions_of(tests):
     batch = np.zeros(tests.column("pressure_kPa").shape, dtype=np.int64)
     if "batch" in tests.table:
         batch = (tests.column("batch") == physical.DENSE).astype(np.int64)
-    return Conditions(tests.column("pressure_kPa").astype(float), tests.level, batch=batch)
+    path = {}
+    if "branch" in tests.table:
+        path["cycle"] = tests.column("cycle").astype(np.int64)
+        path["unloading"] = tests.column("branch") == "unloading"
+    pressure = tests.column("pressure_kPa").astype(float)
+    return Conditions(pressure, tests.level, batch=batch, **path)
 
 
 def test_every_entry_that_shows_in_readings_happens():
@@ -101,7 +107,7 @@ def test_actuators_of_other_dimensions_can_be_made(name, size):
 
 
 def test_studies_are_drawn_alike_again_and_every_entry_in_turn():
-    names = list(physical.HAPPENS)
+    names = [name for name in physical.HAPPENS if name not in physical.LATER]
     first = physical.SINGLE_DRAW
     drawn = [physical.drawn_by_physics(first + k, seed=3) for k in range(len(names))]
     assert [one.physics[0].cause for one in drawn] == names
@@ -111,6 +117,15 @@ def test_studies_are_drawn_alike_again_and_every_entry_in_turn():
         pair = physical.drawn_by_physics(physical.PAIR_DRAW + k, seed=3)
         assert len({one.cause for one in pair.physics}) == 2
         assert not any(one.is_solved for one in pair.physics)
+    later = physical.drawn_by_physics(physical.LATER_DRAW + len(physical.LATER), seed=3)
+    assert later.physics[0].cause == physical.LATER[0]
+
+
+def test_a_valve_that_rubs_holds_back_what_is_less_than_its_friction():
+    """Within the dead band nothing moves, and without friction chambers follow the knob."""
+    inside = physical.behind_valve(np.array([5.0, 50.0, 45.0, 30.0, 0.0]), 9.0)
+    np.testing.assert_allclose(inside, [0.0, 41.0, 41.0, 39.0, 9.0], atol=1e-9)
+    np.testing.assert_allclose(physical.behind_valve(np.array([50.0, 10.0]), 0.0), [50.0, 10.0])
 
 
 def test_films_of_the_reference_design_are_what_cameras_of_the_area_make_of_them():

@@ -197,6 +197,21 @@ def test_what_was_stretched_before_is_softer(surrogate, conditions):
     )
 
 
+def test_friction_lags_behind_the_branch(surrogate):
+    """p − w on the way up in any cycle, p + w on the way down."""
+    still = {"emulator_error_pressure": 0.0}
+    effect = sizes("hysteresis", **still)
+    friction = effect["hysteresis.friction"]
+    for conditions, lag in (
+        (PROMPT, -friction),
+        (ServiceConditions(cycle=2), -friction),
+        (ServiceConditions(branch="unloading"), friction),
+    ):
+        found = curvature_of(model_with(surrogate, "hysteresis"), conditions, **effect)
+        expected = curvature_of(model_with(surrogate), PROMPT, PRESSURES + lag, **still)
+        np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
 def test_weight_acts_against_the_bend_of_what_bends_up(surrogate):
     effect = sizes("gravity")
     model = model_with(surrogate, "gravity")
@@ -210,6 +225,7 @@ ANSWERS = {
     "creep": {"hold_s"},
     "humidity_drift": {"hold_s", "humidity_pct"},
     "mullins": {"cycle", "branch"},
+    "hysteresis": {"branch"},
     "gravity": {"mount"},
     "dry_embrittlement": {"humidity_pct"},
     "pressure_offset": set(),

@@ -35,7 +35,7 @@ DEGRADED_ONLY = {
 }
 ACCOUNTING = {"dry_embrittlement", "flaw_embrittlement"}  # for the ruptures
 OF_RUPTURE = {*ACCOUNTING, "uneven_degradation"}
-NOT_RECORDED = {"batch_stiffness", "gravity", "mullins", "temperature_softening"}
+NOT_RECORDED = {"batch_stiffness", "gravity", "hysteresis", "mullins", "temperature_softening"}
 NOT_BENDING = {*OF_RUPTURE, *NOT_RECORDED, "stress_measure"}
 
 

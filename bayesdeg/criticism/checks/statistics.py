@@ -213,7 +213,7 @@ def _hysteresis(bench: Bench) -> ResidualStatistic:
     return ResidualStatistic(
         "hysteresis area between branches",
         "kPa/m",
-        "unloading lies above loading more than simulated: as with creep or damage",
+        "unloading lies above loading more than simulated: as with creep, damage or friction",
         "unloading lies below loading: as with drying or a leak while testing",
         functional(bench.linear, weights, lens / area) if area > 0.0 else None,
         "needs readings of unloading: column branch of actuator.csv",
