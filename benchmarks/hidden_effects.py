@@ -10,6 +10,8 @@ those in the file are not either, and the file is written anew; ``hidden_effects
 script holds the studies of the published figures, as the commit that it came with judged them.
 Studies from number 700 on hide effects that are planted by physics of a laboratory and not by the
 rules of the entries (``physical_effects.py``): ``hidden_by_physics.jsonl`` holds such studies.
+From number 3000 on they hide effects outside the catalogue that imitate its entries
+(``physics/imitations.py``).
 ``--gelatin`` runs ``bayesdeg run studies/gelatin_actuator`` too, at both efforts, and adds the
 seconds that its verdict and the whole run take on all cores.
 """
@@ -28,7 +30,7 @@ import numpy as np
 from fine_library import shipped_library
 from gelatin_seconds import gelatin_seconds
 from hidden_record import read_record, write_record
-from hidden_studies import HiddenStudy, drawn_study, made
+from hidden_studies import IMITATING_DRAW, HiddenStudy, drawn_study, made
 from hidden_summary import summary
 from hidden_tables import markdown
 from numpy.typing import NDArray
@@ -271,7 +273,8 @@ def run_all(
 
 
 def _one(number: int, store: Path, effort: str, seed: int, draw: int) -> Json:
-    study = (drawn_by_physics if number >= SINGLE_DRAW else drawn_study)(number, seed=seed)
+    by_physics = SINGLE_DRAW <= number < IMITATING_DRAW
+    study = (drawn_by_physics if by_physics else drawn_study)(number, seed=seed)
     found = judged(study, store / str(number), effort=effort, seed=seed, draw=draw)
     part = store / f"{number}.part"
     part.write_text(json.dumps(found), encoding="utf-8")

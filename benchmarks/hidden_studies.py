@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from physics.imitations import CONTACT, IMITATIONS, TOUCHING, WARM_DAY, bent, outside_effect
 
 from bayesdeg.actuator.inputs import ForwardMap, Inputs, Prediction
 from bayesdeg.actuator.mesh import FINE
@@ -20,7 +21,7 @@ from bayesdeg.data.settings import Settings
 from bayesdeg.laboratory.experiment import PRESSURES, Design, VirtualExperiment, run_experiment
 from bayesdeg.laboratory.truth import HiddenEffect, Three, Truth, drawn_truth
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.priors import Choice, Distribution, LogNormal, Normal, Parameter
+from bayesdeg.priors import Choice, Distribution, LogNormal
 
 SIZES = (0.6, 1.0, 1.4, 1.8)
 LARGEST_PRESSURE = 200.0  # kPa; beyond, soft draws of the material balloon
@@ -41,7 +42,6 @@ CAREFUL: Mapping[str, Any] = {
     "tensile_noise": 0.005,
     "tensile_noise_floor": 0.002,
 }
-TOUCHING = 20.0  # curvature at which chambers touch, where they do [1/m]
 CAREFULLY = ("careful", "mounts")
 PAPER_TEST = 0.05  # sd of ln stiffness of the paper, which is then measured too
 # sizes that count as 1: most are some 5 to 10 standard deviations in their designs
@@ -198,6 +198,8 @@ THIRD_DRAW = 510
 FOURTH_DRAW = 600
 LATER = ("degraded_shrinkage", "degradation_scale", "gauge_gain")
 OUTSIDE_SIZES = (0.6, 1.6)  # over the usual size
+# effects outside the catalogue that imitate entries, in turn, beyond all numbers by physics
+IMITATING_DRAW = 3000
 
 
 def drawn_study(number: int, *, seed: int) -> HiddenStudy:
@@ -205,9 +207,11 @@ def drawn_study(number: int, *, seed: int) -> HiddenStudy:
 
     From number `SECOND_DRAW` on most have none, two, or an effect outside the catalogue, which
     then are of more kinds and sizes; from `THIRD_DRAW` on all have three, from `FOURTH_DRAW` on one
-    of `LATER`.
+    of `LATER`; from `IMITATING_DRAW` on one of `IMITATIONS`.
     """
     generator = np.random.default_rng((seed, number))
+    if number >= IMITATING_DRAW:
+        return _imitating(number, generator)
     more, kind = number >= SECOND_DRAW, _kind(number, generator)
     if kind == "none":
         return HiddenStudy(number, kind, str(generator.choice(list(designs()))), (), 0.0)
@@ -236,6 +240,15 @@ def drawn_study(number: int, *, seed: int) -> HiddenStudy:
     return HiddenStudy(
         number, kind, design, tuple(_sized(n, size, generator) for n in chosen), size
     )
+
+
+def _imitating(number: int, generator: np.random.Generator) -> HiddenStudy:
+    """Return a study with one of `IMITATIONS`, each in turn."""
+    cause, fitting = IMITATIONS[(number - IMITATING_DRAW) % len(IMITATIONS)]
+    size = float(generator.uniform(*OUTSIDE_SIZES))
+    values = {name: value * size for name, value in cause.typical.items()}
+    hidden = HiddenEffect(cause, values)
+    return HiddenStudy(number, "outside", str(generator.choice(fitting)), (hidden,), size)
 
 
 def _kind(number: int, generator: np.random.Generator) -> str:
@@ -383,33 +396,13 @@ def _one_batch(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs
 def _slipping(prediction: Prediction, conditions: Conditions, effect: Effect) -> Prediction:
     """The clamp slips at a middle pressure: curvature read jumps and stays off."""
     slipped = effect["share"] * (np.abs(conditions.pressure - 90.0) < 35.0)
-    return replace(
-        prediction,
-        curvature=prediction.curvature * (1.0 + slipped),
-        bend_angle=prediction.bend_angle * (1.0 + slipped),
-    )
-
-
-def _contact(prediction: Prediction, conditions: Conditions, effect: Effect) -> Prediction:
-    """Neighbouring chambers touch: what bends beyond that is partly lost."""
-    beyond = np.maximum(prediction.curvature - TOUCHING, 0.0)
-    share = 1.0 - effect["lost"] * beyond / np.maximum(prediction.curvature, TOUCHING)
-    return replace(
-        prediction,
-        curvature=prediction.curvature * share,
-        bend_angle=prediction.bend_angle * share,
-    )
+    return bent(prediction, 1.0 + slipped)
 
 
 def _second_gauge(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
     """Every third actuator hung on another gauge, which reads too much."""
     other = np.arange(conditions.pressure.shape[-2])[:, None] % 3 == 1
     return replace(inputs, pressure=inputs.pressure * (1.0 - effect["excess"] * other))
-
-
-def outside_effect(name: str, unit: str, size: float, stage: Stage) -> dict[str, Any]:
-    parameter = Parameter(name, Normal(0.0, 10.0 * size), unit, "of a made-up effect", 0.0)
-    return {"stage": stage, "parameters": (parameter,), "typical": {name: size}}
 
 
 OUTSIDE = (
@@ -434,13 +427,7 @@ OUTSIDE = (
         on_reading=_slipping,
         **outside_effect("share", "–", 0.2, Stage.READING),
     ),
-    Cause(
-        name="outside_contact",
-        mechanism="chambers touch when the actuator is bent far",
-        revealed_by="nothing in the catalogue",
-        on_reading=_contact,
-        **outside_effect("lost", "–", 0.4, Stage.READING),
-    ),
+    CONTACT,
     Cause(
         name="outside_second_gauge",
         mechanism="every third actuator hung on a gauge that reads too much",
@@ -469,21 +456,10 @@ def _wavy_course(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inpu
     return replace(inputs, c1=inputs.c1 * factor, c2=inputs.c2 * factor, c3=inputs.c3 * factor)
 
 
-def _warm_day(inputs: Inputs, conditions: Conditions, effect: Effect) -> Inputs:
-    """The first actuator of each degradation rate was inflated on a warm day, and was softer."""
-    warm = np.arange(conditions.pressure.shape[-2])[:, None] % 3 == 0
-    factor = np.exp(-effect["softer"] * warm)
-    return replace(inputs, c1=inputs.c1 * factor, c2=inputs.c2 * factor, c3=inputs.c3 * factor)
-
-
 def _lens(prediction: Prediction, conditions: Conditions, effect: Effect) -> Prediction:
     """A lens that shows what bends far less bent."""
     share = 1.0 - effect["lost"] * np.minimum(prediction.curvature / TOUCHING, 1.5)
-    return replace(
-        prediction,
-        curvature=prediction.curvature * share,
-        bend_angle=prediction.bend_angle * share,
-    )
+    return bent(prediction, share)
 
 
 MORE_OUTSIDE = (
@@ -508,13 +484,7 @@ MORE_OUTSIDE = (
         on_inputs=_wavy_course,
         **outside_effect("log_ratio", "–", 0.2, Stage.MATERIAL),
     ),
-    Cause(
-        name="outside_warm_day",
-        mechanism="the first actuator of each degradation rate was inflated on a warm day",
-        revealed_by="nothing in the catalogue",
-        on_inputs=_warm_day,
-        **outside_effect("softer", "–", 0.15, Stage.MATERIAL),
-    ),
+    WARM_DAY,
     Cause(
         name="outside_lens",
         mechanism="the lens shows what bends far less bent",

@@ -21,8 +21,9 @@ from typing import Any
 
 import numpy as np
 from hidden_effects import _column, library
-from hidden_studies import OUTSIDE, HiddenStudy, made, outside_effect
+from hidden_studies import OUTSIDE, HiddenStudy, made
 from hidden_summary import share
+from physics.imitations import outside_effect
 from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.inputs import Inputs, Prediction

@@ -128,6 +128,42 @@ def test_a_valve_that_rubs_holds_back_what_is_less_than_its_friction():
     np.testing.assert_allclose(physical.behind_valve(np.array([50.0, 10.0]), 0.0), [50.0, 10.0])
 
 
+@pytest.mark.parametrize(("cause", "designs"), hidden.IMITATIONS, ids=lambda one: str(one)[:9])
+def test_an_imitation_changes_readings_of_its_designs_and_is_no_entry(cause, designs):
+    [(name, size)] = cause.typical.items()
+    assert cause.name not in CATALOGUE
+    for design in designs:
+        tests = physical.Tests(hidden.designs()[design].actuator)
+        conditions = conditions_of(tests)
+        if "time_s" in tests.table:
+            conditions = replace(conditions, time=tests.column("time_s").astype(float))
+        one = np.ones((1, *conditions.pressure.shape[:1], 1))
+        plain = Inputs(
+            conditions.pressure[None], 0.3 * one, -0.01 * one, 0.003 * one, one, 3e4 * one
+        )
+
+        def read(value, plain=plain, conditions=conditions):
+            effect = {name: np.full((1, 1, 1), value)}
+            inputs = cause.on_inputs(plain, conditions, effect) if cause.on_inputs else plain
+            prediction = ClosedFormMap()(inputs)
+            if cause.on_reading:
+                prediction = cause.on_reading(prediction, conditions, effect)
+            return prediction.curvature
+
+        np.testing.assert_allclose(read(0.0), ClosedFormMap()(plain).curvature, rtol=1e-12)
+        changed = read(size) / read(0.0) - 1.0
+        assert np.all(np.isfinite(changed))
+        assert np.max(np.abs(changed)) > 0.02
+
+
+def test_imitations_are_drawn_in_turn_beyond_all_other_numbers():
+    first = hidden.IMITATING_DRAW
+    assert first > physical.LATER_DRAW
+    drawn = [hidden.drawn_study(first + k, seed=3) for k in range(len(hidden.IMITATIONS))]
+    assert [one.names for one in drawn] == [(cause.name,) for cause, _ in hidden.IMITATIONS]
+    assert {one.kind for one in drawn} == {"outside"}
+
+
 def test_films_of_the_reference_design_are_what_cameras_of_the_area_make_of_them():
     tables = {"tensile": Design().tensile.assign(stretch=1.5, stress_MPa=2.0)}
     effect = EFFECTS["stress_measure"]
