@@ -151,11 +151,12 @@ def hermite(points: Sequence[Point], place: float, *, at: Sequence[float] | None
     Σ (1 − 2 (t − tₖ) Lₖ'(tₖ)) Lₖ²(t) uₖ + (t − tₖ) Lₖ²(t) u̇ₖ with the Lagrange polynomials Lₖ. The
     points are ``at`` these parameters, by which their rates are; by default their loads.
     """
-    at = np.array([point.state.load for point in points] if at is None else at)
+    loads = [point.state.load for point in points]
+    places = np.array(loads if at is None else at, dtype=np.float64)
     # factors of states and of tangents, for the polynomial and for its derivative
-    value, slope = np.empty((len(at), 2)), np.empty((len(at), 2))
-    for k, own in enumerate(at):
-        others = np.delete(at, k)
+    value, slope = np.empty((len(places), 2)), np.empty((len(places), 2))
+    for k, own in enumerate(places):
+        others = np.delete(places, k)
         lagrange = float(np.prod((place - others) / (own - others)))
         here = float(np.sum(1.0 / (own - others)))
         # L' = Σ_j Π_{i≠j} (t − t_i) / Π (t_k − t_i)
@@ -177,7 +178,8 @@ def hermite(points: Sequence[Point], place: float, *, at: Sequence[float] | None
             p += on_state * point.state.pressure + on_rate * point.rate.pressure
             load += on_state * point.state.load + on_rate * point.rate.load
         fields.append(MechanicalState(u, p, load))
-    return Point(*fields)
+    state, rate = fields
+    return Point(replace(state, load=place) if at is None else state, rate)  # without rounding
 
 
 @dataclass(frozen=True)
@@ -263,6 +265,7 @@ Visit = Callable[[LoadStep, Factorization], None]
 STEPS = 60
 ITERATIONS = 12
 CLOSE = 0.03  # of the tolerance: a step under volume control ends with the factors of its own state
+DROP = 0.02  # of the largest load
 LONG = 3.0  # error of the guess over that of a load step: one more iteration, but fewer steps
 
 
@@ -325,7 +328,7 @@ def follow_volume(
 
     The volume is raised in steps with the pressure as an unknown: where d(load)/dV changes sign
     the actuator balloons. From there the path is followed until the volume has grown by the share
-    ``effort.beyond``. If the tangent becomes indefinite while the pressure still rises, the shape
+    ``effort.beyond``, or the load has fallen by `DROP`: further on the volume may turn back too. If the tangent becomes indefinite while the pressure still rises, the shape
     buckles instead.
 
     The path ends where it passes the ``highest`` load of interest [–], or at ``deadline``, a time
@@ -345,7 +348,7 @@ def follow_volume(
         places, top, end = [here], np.inf, np.inf
         for _ in range(STEPS):
             here, is_past = places[-1], bool(np.isfinite(top))
-            if here.volume >= end:
+            if here.volume >= end or (is_past and here.load < (1.0 - DROP) * top):
                 return Limit(Status.LIMIT_POINT, top, spent)
             # twice, as rounding decides just below a limit point
             if not is_past and all(place.negative > 0 for place in places[-2:]):
@@ -440,7 +443,7 @@ def _top(places: Sequence[_Place]) -> tuple[float, float]:
     """Return the largest load between the last two places, and its volume."""
     known = np.array([(place.load, place.point.rate.load) for place in places])
     at = [place.volume for place in places]
-    volume = np.linspace(*at[-2:], 2001)
+    volume = np.linspace(at[-2], at[-1], 2001)
     load = KroghInterpolator(np.repeat(at, 2), known.ravel())(volume)
     top = int(np.argmax(load))
     return float(load[top]), float(volume[top])
@@ -498,8 +501,8 @@ def follow(
     halved; when it cannot be halved further, the limit point is searched.
 
     ``loads`` are the pressures over C1, increasing, above 0 [–]; ``visit`` is called with each
-    converged step, rest first, also those beyond a limit point (``effort.beyond``). Nothing is raised for a physical
-    reason: check the path's status.
+    converged step, rest first, also those beyond a limit point (``effort.beyond``). Nothing
+    is raised for a physical reason: check the path's status.
     """
     effort = effort or PathEffort()
     if not is_elliptic(problem.material):
