@@ -328,8 +328,8 @@ def follow_volume(
 
     The volume is raised in steps with the pressure as an unknown: where d(load)/dV changes sign
     the actuator balloons. From there the path is followed until the volume has grown by the share
-    ``effort.beyond``, or the load has fallen by `DROP`: further on the volume may turn back too. If the tangent becomes indefinite while the pressure still rises, the shape
-    buckles instead.
+    ``effort.beyond``, or the load has fallen by `DROP`: further on the volume may turn back too.
+    If the tangent becomes indefinite while the pressure still rises, the shape buckles instead.
 
     The path ends where it passes the ``highest`` load of interest [–], or at ``deadline``, a time
     of ``time.monotonic`` [s]. ``solver`` is for definite tangents; another one takes over where
