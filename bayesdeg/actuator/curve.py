@@ -72,14 +72,13 @@ class PathRecord:
         self,
         mesh: ActuatorMesh,
         problem: Problem,
-        solver: Factorization,
         *,
         shapes: Sequence[Variation | None],
         held: bool,
         enough: float,
         is_smooth: bool,
     ) -> None:
-        self._mesh, self._problem, self._solver = mesh, problem, solver
+        self._mesh, self._problem = mesh, problem
         self._shapes, self._held, self._enough = shapes, held, enough
         self._tip = tip_edge(mesh) if held else np.empty(0, np.int64)
         self._is_smooth = is_smooth
@@ -87,8 +86,8 @@ class PathRecord:
         self.loads, self.readings = list[float](), list[Floats]()
         self.gradients = list[Floats]()
 
-    def visit(self, step: LoadStep) -> None:
-        """Record a converged step."""
+    def visit(self, step: LoadStep, solver: Factorization) -> None:
+        """Record a converged step, whose factors the solver holds."""
         if step.factors is None or step.rate is None:
             return
         if self._held:
@@ -97,7 +96,7 @@ class PathRecord:
             values = share * residual[held, 2].sum(keepdims=True)
             gradients = share * reaction_derivatives(
                 self._problem,
-                self._solver,
+                solver,
                 state=step.state,
                 factors=step.factors,
                 held=held,
@@ -111,7 +110,7 @@ class PathRecord:
             self._angle = float(values[0])
             gradients = derivatives(
                 self._problem,
-                self._solver,
+                solver,
                 state=step.state,
                 rate=step.rate,
                 factors=step.factors,
@@ -355,9 +354,9 @@ class Actuator:
             record = self._recorder(problem, mesh, enough=exact.rate_tolerance)
             solver, loads = self._opened(), frozenset(curve.loads)
 
-            def visit(step: LoadStep) -> None:
+            def visit(step: LoadStep, solver: Factorization) -> None:
                 if step.state.load in loads:
-                    record.visit(step)
+                    record.visit(step, solver)
 
             path = follow(problem, solver, loads=curve.loads, effort=exact, visit=visit)
         solution = _solution(path, solver.name, partial(_outputs_at, mesh, problem))
@@ -384,11 +383,11 @@ class Actuator:
             record = self._recorder(problem, mesh, enough=1e-4, is_smooth=True)
             solver, equations = self._opened(), self._assembled(mesh, problem)
 
-            def visit(step: LoadStep) -> None:
+            def visit(step: LoadStep, solver: Factorization) -> None:
                 # with the kernels' couplings, whatever assembles the equations
                 if equations is not problem and step.factors is not None:
                     step = replace(step, factors=problem.linearise(step.state))
-                record.visit(step)
+                record.visit(step, solver)
 
             path = follow(equations, solver, loads=curve.loads, effort=effort, visit=visit)
         between = np.empty((0, outputs))
@@ -411,7 +410,6 @@ class Actuator:
         return PathRecord(
             mesh,
             problem,
-            self._opened(),
             shapes=variations(self.mesh, self.system, problem.material, problem.layer),
             held=self.held,
             enough=enough,

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.interpolate import KroghInterpolator
 
 from bayesdeg.actuator.linear import Factorization, LostDefinitenessError, open_factorization
 from bayesdeg.actuator.material import is_elliptic
@@ -143,22 +145,24 @@ def interpolate(points: Sequence[Point], load: float) -> Point:
     return hermite(points[first : first + MEMORY], load)
 
 
-def hermite(points: Sequence[Point], load: float) -> Point:
-    """Return the polynomial through states and tangents, and its derivative, at a load.
+def hermite(points: Sequence[Point], place: float, *, at: Sequence[float] | None = None) -> Point:
+    """Return the polynomial through states and tangents, and its derivative, at a place.
 
-    Σ (1 − 2 (t − tₖ) Lₖ'(tₖ)) Lₖ²(t) uₖ + (t − tₖ) Lₖ²(t) u̇ₖ with the Lagrange polynomials Lₖ.
+    Σ (1 − 2 (t − tₖ) Lₖ'(tₖ)) Lₖ²(t) uₖ + (t − tₖ) Lₖ²(t) u̇ₖ with the Lagrange polynomials Lₖ. The
+    points are ``at`` these parameters, by which their rates are; by default their loads.
     """
-    at = np.array([point.state.load for point in points])
+    loads = [point.state.load for point in points]
+    places = np.array(loads if at is None else at, dtype=np.float64)
     # factors of states and of tangents, for the polynomial and for its derivative
-    value, slope = np.empty((len(at), 2)), np.empty((len(at), 2))
-    for k, place in enumerate(at):
-        others = np.delete(at, k)
-        lagrange = float(np.prod((load - others) / (place - others)))
-        here = float(np.sum(1.0 / (place - others)))
+    value, slope = np.empty((len(places), 2)), np.empty((len(places), 2))
+    for k, own in enumerate(places):
+        others = np.delete(places, k)
+        lagrange = float(np.prod((place - others) / (own - others)))
+        here = float(np.sum(1.0 / (own - others)))
         # L' = Σ_j Π_{i≠j} (t − t_i) / Π (t_k − t_i)
-        parts = [np.prod(load - np.delete(others, j)) for j in range(len(others))]
-        change = float(np.sum(parts) / np.prod(place - others)) if len(others) else 0.0
-        t = load - place
+        parts = [np.prod(place - np.delete(others, j)) for j in range(len(others))]
+        change = float(np.sum(parts) / np.prod(own - others)) if len(others) else 0.0
+        t = place - own
         value[k] = (1.0 - 2.0 * t * here) * lagrange**2, t * lagrange**2
         double = 2.0 * lagrange * change
         slope[k] = (
@@ -168,12 +172,14 @@ def hermite(points: Sequence[Point], load: float) -> Point:
     fields = []
     for factors in (value, slope):
         u, p = np.zeros_like(points[0].state.displacement), np.zeros_like(points[0].state.pressure)
+        load = 0.0
         for (on_state, on_rate), point in zip(factors, points, strict=True):
             u += on_state * point.state.displacement + on_rate * point.rate.displacement
             p += on_state * point.state.pressure + on_rate * point.rate.pressure
-        fields.append((u, p))
-    (u, p), (du, dp) = fields
-    return Point(MechanicalState(u, p, load), MechanicalState(du, dp, 1.0))
+            load += on_state * point.state.load + on_rate * point.rate.load
+        fields.append(MechanicalState(u, p, load))
+    state, rate = fields
+    return Point(replace(state, load=place) if at is None else state, rate)  # without rounding
 
 
 @dataclass(frozen=True)
@@ -253,19 +259,25 @@ class StepControl:
         return replace(self, step=min(step, self.longest), memory=min(self.memory + 1, MEMORY))
 
 
-STEPS = 40
+Visit = Callable[[LoadStep, Factorization], None]
+"""Called with a converged step and the solver that holds its factors."""
+
+STEPS = 60
 ITERATIONS = 12
-WIDEST = 2e-3  # relative width of the bracket, in load, within which a cubic gives the limit
+CLOSE = 0.03  # of the tolerance: a step under volume control ends with the factors of its own state
+DROP = 0.02  # of the largest load
+LONG = 3.0  # error of the guess over that of a load step: one more iteration, but fewer steps
 
 
 @dataclass(frozen=True)
 class Limit:
-    """End of a path that cannot be followed further, and why.
+    """End of a path that cannot be followed further by its load, and why.
 
     Parameters
     ----------
     status : Status
-        LIMIT_POINT, BUCKLED, EFFORT_EXHAUSTED or TIMED_OUT.
+        LIMIT_POINT, BUCKLED, EFFORT_EXHAUSTED or TIMED_OUT; CONVERGED at the last load asked
+        for.
     load : float
         Largest load; inf if not found [–].
     factorizations : int
@@ -279,71 +291,121 @@ class Limit:
 
 @dataclass(frozen=True)
 class _Place:
-    """An equilibrium under volume control."""
+    """An equilibrium of a given volume; ``point`` has d(state)/d(volume) as its rate."""
 
-    state: MechanicalState
+    point: Point
     volume: float
-    load_rate: float  # d(load)/d(volume)
-    direction: MechanicalState  # d(state)/d(volume)
+    factors: Linearisation
     negative: int  # eigenvalues of the tangent
 
+    @property
+    def load(self) -> float:
+        return self.point.state.load
 
-def locate_limit(
+    @property
+    def is_rising(self) -> bool:
+        return self.point.rate.load > 0.0
+
+    @property
+    def step(self) -> LoadStep:
+        """The equilibrium with d(state)/d(load)."""
+        by, d = 1.0 / self.point.rate.load, self.point.rate
+        rate = MechanicalState(by * d.displacement, by * d.pressure, 1.0)
+        return LoadStep(self.point.state, rate, self.factors, 0)
+
+
+def follow_volume(
     problem: DiscreteEquations,
+    solver: Factorization,
     points: Sequence[Point],
     *,
     effort: PathEffort,
     highest: float,
-    solver: str | None = None,
     deadline: float = np.inf,
+    visit: Visit = lambda step, solver: None,
 ) -> Limit:
-    """Return the load at which the pressure no longer rises with the volume.
+    """Follow a path by its cavity volume to the load at which the pressure no longer rises.
 
-    The cavity volume is raised in steps with the pressure as an unknown: where d(load)/dV changes
-    sign the actuator balloons. If the tangent becomes indefinite while the pressure still rises,
-    the shape buckles instead.
+    The volume is raised in steps with the pressure as an unknown: where d(load)/dV changes sign
+    the actuator balloons. From there the path is followed until the volume has grown by the share
+    ``effort.beyond``, or the load has fallen by `DROP`: further on the volume may turn back too.
+    If the tangent becomes indefinite while the pressure still rises, the shape buckles instead.
 
-    The search ends at twice the ``highest`` load of interest [–], or at ``deadline``, a time of
-    ``time.monotonic`` [s].
+    The path ends where it passes the ``highest`` load of interest [–], or at ``deadline``, a time
+    of ``time.monotonic`` [s]. ``solver`` is for definite tangents; another one takes over where
+    they no longer are.
     """
-    last = points[-1]
-    with closing(open_factorization(problem.system.upper, solver, is_definite=False)) as opened:
-        start = problem.cavity_volume(last.state)
-        here, spent = _settle(problem, opened, last.state, start, effort)
+    size = float(np.ptp(problem.system.body.nodes, axis=0).max())
+    with closing(_Solvers(problem.system.upper, solver)) as solvers:
+        start = problem.cavity_volume(points[-1].state)
+        here, spent = _settle(problem, solvers, points[-1].state, start, effort)
         if here is None:
             return Limit(Status.EFFORT_EXHAUSTED, np.inf, spent)
-        back = points[-2].state if len(points) > 1 else problem.system.rest()
-        swept = here.volume - problem.cavity_volume(back)
-        step = 0.5 * max(swept, 1e-3 * abs(here.volume))
+        speed = float(np.max(np.abs(here.point.rate.displacement)))
+        step = effort.first_step * size / speed
+        if len(points) > 1:
+            step = min(step, start - problem.cavity_volume(points[-2].state))
+        places, top, end = [here], np.inf, np.inf
         for _ in range(STEPS):
+            here, is_past = places[-1], bool(np.isfinite(top))
+            if here.volume >= end or (is_past and here.load < (1.0 - DROP) * top):
+                return Limit(Status.LIMIT_POINT, top, spent)
+            # twice, as rounding decides just below a limit point
+            if not is_past and all(place.negative > 0 for place in places[-2:]):
+                return Limit(Status.BUCKLED, places[-2:][0].load, spent)
+            if here.load >= highest and not is_past:
+                return Limit(Status.CONVERGED, np.inf, spent)
             if time.monotonic() > deadline:
                 return Limit(Status.TIMED_OUT, np.inf, spent)
-            if here.negative > 0 and here.load_rate > 0.0:
-                return Limit(Status.BUCKLED, here.state.load, spent)
-            if here.state.load > 2.0 * highest or spent > effort.total:
+            if spent > effort.total:
                 break
-            d = here.direction
-            ahead = here.state.moved(
-                step * d.displacement, step * d.pressure, step * here.load_rate
-            )
-            there, count = _settle(problem, opened, ahead, here.volume + step, effort)
+            aim = min(here.volume + step, end)
+            at = [place.volume for place in places[-MEMORY:]]
+            guess = hermite([place.point for place in places[-MEMORY:]], aim, at=at).state
+            there, count = _settle(problem, solvers, guess, aim, effort)
             spent += count
             if there is None:
                 step *= 0.5
                 continue
-            if there.load_rate <= 0.0:
-                top, width = _top(here, there)
-                if width < WIDEST:
-                    return Limit(Status.LIMIT_POINT, top, spent)
-                step *= 0.5
-                continue
-            here, step = there, 1.5 * step
-    return Limit(Status.EFFORT_EXHAUSTED, np.inf, spent)
+            error = float(np.max(np.abs(there.point.state.displacement - guess.displacement)))
+            allowed = LONG * effort.tolerance * size
+            growth = (0.5 * allowed / max(error, 1e-300)) ** (1.0 / (2 * len(at) - 1))
+            step = (aim - here.volume) * float(np.clip(growth, 0.4, LARGEST_GROWTH))
+            places.append(there)
+            visit(there.step, solvers.used)
+            if not (there.is_rising or is_past):
+                top, place = _top(places[-MEMORY:])
+                end = place * (1.0 + effort.beyond)
+    return Limit(Status.EFFORT_EXHAUSTED, top, spent)
+
+
+class _Solvers:
+    """A solver for definite tangents, and one for others, opened where the first is lost."""
+
+    def __init__(self, upper: sp.csr_array, definite: Factorization) -> None:
+        self._upper, self.used = upper, definite
+        self._other: Factorization | None = None
+
+    def factorize(self, data: Floats) -> int:
+        """Factorize, see `Factorization`; return the number of negative eigenvalues."""
+        if self._other is None:
+            try:
+                return self.used.factorize(data)
+            except LostDefinitenessError:
+                name = self.used.name
+                self._other = open_factorization(self._upper, name, is_definite=False)
+                self.used = self._other
+        return self._other.factorize(data)
+
+    def close(self) -> None:
+        """Release the memory of the second solver."""
+        if self._other is not None:
+            self._other.close()
 
 
 def _settle(
     problem: DiscreteEquations,
-    solver: Factorization,
+    solvers: _Solvers,
     guess: MechanicalState,
     volume: float,
     effort: PathEffort,
@@ -356,11 +418,11 @@ def _settle(
             break
         spent += 1
         try:
-            negative = solver.factorize(lin.tangent)
+            negative = solvers.factorize(lin.tangent)
         except LostDefinitenessError:
             break
         gradient = problem.system.on_free(problem.cavity_gradient(state))
-        a, b = solver.solve(np.column_stack([-lin.residual, gradient])).T
+        a, b = solvers.used.solve(np.column_stack([-lin.residual, gradient])).T
         compliance = float(gradient @ b)
         change = (volume - lin.cavity_volume - float(gradient @ a)) / compliance
         increment = problem.system.expand(a + change * b)
@@ -369,27 +431,23 @@ def _settle(
             break
         pressure = problem.pressure_increment(lin, increment, lin.volume_residual)
         state = state.moved(increment, pressure, change)
-        if largest < effort.tolerance * size:
+        if largest < CLOSE * effort.tolerance * size:
             along = problem.system.expand(b / compliance)
-            direction = MechanicalState(along, problem.pressure_increment(lin, along), 1.0)
-            return _Place(state, volume, 1.0 / compliance, direction, negative), spent
+            within = problem.pressure_increment(lin, along)
+            rate = MechanicalState(along, within, 1.0 / compliance)
+            return _Place(Point(state, rate), volume, lin, negative), spent
     return None, spent
 
 
-def _top(here: _Place, there: _Place) -> tuple[float, float]:
-    """Return the largest load of the cubic between two places, and the bracket's width."""
-    width = there.volume - here.volume
-    rise = there.state.load - here.state.load
-    # load(t) on [0, 1]: c0 + c1 t + c2 t² + c3 t³
-    c1, end = here.load_rate * width, there.load_rate * width
-    c2, c3 = 3.0 * rise - 2.0 * c1 - end, c1 + end - 2.0 * rise
-    t = np.linspace(0.0, 1.0, 2001)
-    load = here.state.load + t * (c1 + t * (c2 + t * c3))
-    top = float(np.max(load))
-    return top, (top - max(here.state.load, 0.0)) / top
+def _top(places: Sequence[_Place]) -> tuple[float, float]:
+    """Return the largest load between the last two places, and its volume."""
+    known = np.array([(place.load, place.point.rate.load) for place in places])
+    at = [place.volume for place in places]
+    volume = np.linspace(at[-2], at[-1], 2001)
+    load = KroghInterpolator(np.repeat(at, 2), known.ravel())(volume)
+    top = int(np.argmax(load))
+    return float(load[top]), float(volume[top])
 
-
-Visit = Callable[[LoadStep], None]
 
 SAFE_MISMATCH = 1e-3  # mismatch strain of the paper that one step from rest can take
 QUICK, QUICK_GROWTH = 3, 2.0  # a step with this few factorizations lengthens the next
@@ -443,13 +501,13 @@ def follow(
     halved; when it cannot be halved further, the limit point is searched.
 
     ``loads`` are the pressures over C1, increasing, above 0 [–]; ``visit`` is called with each
-    converged step while the solver holds its factors, rest first. Nothing is raised for a physical
-    reason: check the path's status.
+    converged step, rest first, also those beyond a limit point (``effort.beyond``). Nothing
+    is raised for a physical reason: check the path's status.
     """
     effort = effort or PathEffort()
     if not is_elliptic(problem.material):
         return Path(None, (), Status.UNSTABLE_MATERIAL, 0.0, 0)
-    visit = visit or (lambda step: None)
+    visit = visit or (lambda step, solver: None)
     deadline = time.monotonic() + effort.seconds
     rest, status, spent = _rest(problem, solver, effort=effort, visit=visit, deadline=deadline)
     if rest is None:
@@ -457,16 +515,28 @@ def follow(
         return Path(None, (), status, limit, spent)
     if len(loads) == 0:
         return Path(rest, (), Status.CONVERGED, np.inf, spent)
+    if effort.beyond > 0.0:
+        found = follow_volume(
+            *(problem, solver, [rest]),
+            effort=effort,
+            highest=loads[-1],
+            deadline=deadline,
+            visit=visit,
+        )
+        spent += found.factorizations
+        return Path(rest, (), found.status, found.load, spent)
     points, status, tried = _climb(
         problem, solver, rest, loads, effort=effort, visit=visit, deadline=deadline
     )
     spent += tried
     limit_load = np.inf
     if status == Status.LIMIT_POINT:
-        found = locate_limit(
-            problem, points, effort=effort, highest=loads[-1], solver=solver.name, deadline=deadline
+        found = follow_volume(
+            *(problem, solver, points), effort=effort, highest=2.0 * loads[-1], deadline=deadline
         )
         status, limit_load, spent = found.status, found.load, spent + found.factorizations
+        if status == Status.CONVERGED:  # far beyond the last load without any limit point
+            status = Status.EFFORT_EXHAUSTED
     reached = [load for load in loads if load <= points[-1].state.load]
     return Path(rest, tuple(interpolate(points, q) for q in reached), status, limit_load, spent)
 
@@ -500,7 +570,7 @@ def _climb(
             if control.step < control.smallest:
                 return points, Status.LIMIT_POINT, spent
             continue
-        visit(trial)
+        visit(trial, solver)
         points.append(Point(trial.state, trial.rate))
         error = float(np.max(np.abs(trial.state.displacement - guess.displacement)))
         control = control.succeeded(error, len(points))
@@ -533,7 +603,7 @@ def _rest(
         trial = find_equilibrium(problem.with_share(aim), solver, guess=guess, effort=effort)
         spent += trial.factorizations
         if trial.rate is not None and aim == 1.0:
-            visit(trial)
+            visit(trial, solver)
             return Point(trial.state, trial.rate), Status.CONVERGED, spent
         if time.monotonic() > deadline:
             return None, Status.TIMED_OUT, spent

@@ -76,6 +76,8 @@ class PathEffort:
         Largest displacement in the first step of the load over the size of the body [–].
     steps : int
         Minimum number of steps up to the last load.
+    beyond : float
+        Share by which the cavity volume grows beyond that of a limit point; 0 ends there [–].
     exact : bool
         Whether to find an equilibrium at every requested load; otherwise the path is interpolated
         between its steps, with an error below the tolerance.
@@ -89,6 +91,7 @@ class PathEffort:
     rate_tolerance: float = 5e-4
     first_step: float = 0.03
     steps: int = 1
+    beyond: float = 0.0
     exact: bool = False
 
 

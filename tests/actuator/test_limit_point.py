@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BPoly
 
 from bayesdeg.actuator.curve import Actuator, Curve
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.linear import LostDefinitenessError, open_factorization
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import Resolution, build_mesh
+from bayesdeg.actuator.outputs import OUTPUTS
 from bayesdeg.actuator.problem import Problem
+from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import PathEffort, Status
 from bayesdeg.data.settings import Dimensions
 
@@ -119,6 +122,54 @@ def test_tangent_beyond_the_limit_is_not_definite(thin_walled, ballooned):
             refused = True
     solver.close()
     assert refused
+
+
+BEYOND = PathEffort(tolerance=1e-4, beyond=0.3)
+
+
+def followed(actuator, **changes):
+    """Return p/C1 and the volume at equilibria through the limit point, with all derivatives."""
+    curve = Curve((1.0,), replace(BALLOONING, **changes))
+    found = actuator.sample(curve, effort=BEYOND)
+    at = OUTPUTS.index("cavity_volume")
+    return found, found.readings[:, at], found.gradients[:, at]
+
+
+def test_a_path_by_volume_passes_the_limit_point(thin_walled, ballooned):
+    found, volume, by_inputs = followed(thin_walled)
+    top = int(np.argmax(found.loads))
+    print(f"{len(volume)} equilibria, {found.iterations} factorizations, the largest at {top}")
+    assert found.status is Status.LIMIT_POINT
+    assert found.limit_load == pytest.approx(ballooned.limit_load, rel=1e-4)
+    assert found.loads[top] <= found.limit_load
+    assert np.all(np.diff(volume) > 0.0)
+    assert np.all(np.diff(found.loads[: top + 1]) > 0.0)
+    assert np.all(np.diff(found.loads[top:]) < 0.0)
+    assert found.loads[-1] < 0.99 * found.limit_load or volume[-1] > 1.25 * volume[top]
+    # d(volume)/d(load) has the sign of the path
+    assert np.all((by_inputs[:, 0] > 0.0) == (np.arange(len(volume)) <= top))
+
+
+@pytest.mark.parametrize("name", ["c2_ratio", "wall_factor"])
+def test_at_a_volume_derivatives_are_finite_through_the_limit_point(name, thin_walled):
+    """Those at a load diverge there; dp/dm at a volume is −(∂V/∂m)/(∂V/∂p)."""
+    found, volume, by_inputs = followed(thin_walled)
+    found_rate = -by_inputs[1:, INPUTS.index(name)] / by_inputs[1:, 0]
+    step = 4e-3 * abs(getattr(BALLOONING, name))
+    loads = []
+    for sign in (-1.0, 1.0):
+        moved, there, rates = followed(
+            thin_walled, **{name: getattr(BALLOONING, name) + sign * step}
+        )
+        known = np.column_stack([moved.loads, 1.0 / rates[:, 0]])
+        between = BPoly.from_derivatives(there, known)
+        loads.append(between(np.minimum(volume[1:], there[-1])))
+    wanted = (loads[1] - loads[0]) / (2.0 * step)
+    print(name, found_rate, wanted)
+    # beyond, the curves between which differences are taken are interpolated over long steps
+    near = np.arange(1, len(volume)) <= np.argmax(found.loads) + 1
+    size = np.max(np.abs(wanted[near]))
+    np.testing.assert_allclose(found_rate[near], wanted[near], atol=0.02 * size)
 
 
 def wide_draws(count, seed):
