@@ -182,7 +182,7 @@ def observe(
     keep &= np.interp(samples.loads[1:], solved, bends) == 1.0  # it bends at both ends of a step
     if np.count_nonzero(keep) < 2:
         return None
-    quantities, slopes = _quantities(samples, length)
+    quantities, slopes = quantities(samples, length)
     rest = stretch_offset(groups.T)
     denominators = np.column_stack([q, q, *(q + rest for _ in (PEAK, *MEASURES)), q])
     changes, by_inputs = quantities[1:].copy(), slopes[1:].copy()
@@ -263,7 +263,7 @@ def observe_force(
     return Observed(Coordinates(*parts), q, values, by_groups, weights, first, tight=tight)
 
 
-def _quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
+def quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
     """Return κ s L, bend angle, strains and V/L³, (n, 10), with derivatives by ``INPUTS``."""
     angle, arc = samples.readings[:, 0], samples.readings[:, 1]
     by_angle, by_arc = samples.gradients[:, 0], samples.gradients[:, 1]
@@ -282,13 +282,13 @@ def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Float
     modulus = place.modulus
     out = np.empty((*logarithmic.shape[:2], len(NAMES)))
     out[..., 0] = logarithmic[..., 0] * modulus - 1.0 / denominators
-    out[..., 1:] = logarithmic[..., 1:] @ _input_jacobian(place)
+    out[..., 1:] = logarithmic[..., 1:] @ input_jacobian(place)
     # at a fixed p/M a larger second invariant is a larger p/C1: dM/dg = M²
     out[..., at.SECOND_INVARIANT] += logarithmic[..., 0] * (q * modulus**2)[:, None]
     return out
 
 
-def _input_jacobian(place: Place) -> Floats:
+def input_jacobian(place: Place) -> Floats:
     """Return derivatives of the model's inputs, except the load, by the groups.
 
     By central differences. All inputs are products of powers and exponentials of the groups.
