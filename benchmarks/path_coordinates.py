@@ -279,7 +279,7 @@ def seen(path: Solved, way: Way) -> Seen | None:
 
     def at_z(rate: Floats) -> Floats:
         """Return derivatives at a given z from those at a given load."""
-        found = rate - rate[:, :1] * of_z / of_z[:, :1]
+        found: Floats = rate - rate[:, :1] * of_z / of_z[:, :1]
         found[:, 0] = rate[:, 0] / of_z[:, 0]
         return found
 
