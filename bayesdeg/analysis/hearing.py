@@ -252,12 +252,15 @@ class Hearing:
         return self.guard.attempt(OptionalStage.SHARED_SCATTER, shared_scatter, *about) or []
 
 
-def why_refuted(refuted: Refuted, *, degrades: bool) -> dict[str, str]:
-    """Return why causes are not named, by name: alone, or in the sets that were heard."""
+def why_refuted(refuted: Refuted, best: Names, *, degrades: bool) -> dict[str, str]:
+    """Return why causes are not named, by name: alone, or in the sets that were heard.
+
+    Nothing of those in the best set, if it survives.
+    """
     found: dict[str, list[str]] = {}
     for names, reasons in refuted.items():
         said = "; ".join(worded(one, degrades=degrades) for one in reasons)
-        for name in names:
+        for name in names if best in refuted else names - best:
             beside = " and ".join(sorted(names - {name}))
             found.setdefault(name, []).append(f"together with {beside}: {said}" if beside else said)
     return {name: "; ".join(each) for name, each in found.items()}

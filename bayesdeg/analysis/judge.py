@@ -501,7 +501,7 @@ def judge(
         supported,
         best.everything,
         generator,
-        why_refuted(refuted, degrades=search.base.subject.world.degrades),
+        why_refuted(refuted, chosen, degrades=search.base.subject.world.degrades),
     )
     unjudged = (
         Candidate(cause=name, mechanism=mechanism_of(name), why=why)

@@ -582,9 +582,18 @@ def test_the_prior_tail_is_that_beyond_a_size_seen_from_neutral(law, neutral, va
     assert found == pytest.approx(tail, abs=1e-4)
 
 
-@pytest.mark.parametrize(("size", "sd"), [(0.3, 0.01), (0.3, 0.3), (-0.5, 0.1)])
-def test_the_end_of_the_interval_next_to_neutral_decides_whether_a_size_is_heard_of(size, sd):
-    cause = linear_cause("wave", law=Normal(0.0, 0.1))
+@pytest.mark.parametrize(
+    ("size", "sd", "law"),
+    [
+        (0.3, 0.01, Normal(0.0, 0.1)),
+        (0.3, 0.3, Normal(0.0, 0.1)),
+        (-0.5, 0.1, Normal(0.0, 0.1)),
+        (0.17999, 1e-6, TruncatedNormal(0.0, 0.1, 0.0, 0.18)),  # at a bound, but not improbable
+        (0.38, 0.01, TruncatedNormal(0.0, 0.1, 0.0, 1.0)),
+    ],
+)
+def test_the_end_of_the_interval_next_to_neutral_decides_whether_a_size_is_heard_of(size, sd, law):
+    cause = linear_cause("wave", law=law)
     draws = norm.ppf((np.arange(2000) + 0.5) / 2000.0, size, sd)[:, None]
     trial = SimpleNamespace(
         subject=SimpleNamespace(table=SimpleNamespace(names=("wave.size",))),

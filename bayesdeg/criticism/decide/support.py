@@ -12,6 +12,7 @@ from bayesdeg.criticism.fit.search import Names, Search, ensure, rivals
 from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference, one_by_one, run_folds
 from bayesdeg.inference.model import JointModel
+from bayesdeg.priors import Distribution, Normal, TruncatedNormal
 
 Regroup = Callable[[JointModel], JointModel]
 
@@ -257,15 +258,19 @@ def support_without_rivals(
 def least_tail(trial: CandidateFit, cause: Cause) -> float:
     """Return the prior tail beyond the end of the 90 % interval that is nearest to neutral.
 
-    1 if the interval holds the neutral size, or its draws are worth nothing.
+    1 if the interval holds the neutral size, or its draws are worth nothing. A bound cuts no tail
+    off: the skin of a wide prior that is pressed against its bound is thicker than the rule has it,
+    but not improbable up to there.
     """
     if not trial.posterior.effective > 0.0:
         return 1.0
     draws = trial.draws(np.random.default_rng(0), SIZES)[:, columns_of(trial.subject, cause)[0]]
     low, high = np.quantile(draws, INTERVAL)
-    size = cause.parameters[0]
-    neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
-    return prior_tail(cause, float(np.clip(neutral, low, high)))
+    size, law = cause.parameters[0], cause.parameters[0].law
+    neutral = float(law.to_unconstrained(size.neutral or 0.0))
+    if isinstance(law, TruncatedNormal):
+        law = Normal(law.mean, law.sd)
+    return _tail(law, neutral, float(np.clip(neutral, low, high)))
 
 
 def prior_tail(cause: Cause, value: float) -> float:
@@ -276,10 +281,13 @@ def prior_tail(cause: Cause, value: float) -> float:
     the value's own side: under a prior of 14 ± 1, a size of −14 is not probable.
     """
     size = cause.parameters[0]
-    neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
+    return _tail(size.law, float(size.law.to_unconstrained(size.neutral or 0.0)), value)
+
+
+def _tail(law: Distribution, neutral: float, value: float) -> float:
     if value == neutral:
         return 1.0
-    prior = size.law.to_unconstrained(size.law.quantile((np.arange(LEVELS) + 0.5) / LEVELS))
+    prior = law.to_unconstrained(law.quantile((np.arange(LEVELS) + 0.5) / LEVELS))
     above = value > neutral
     same = float(np.mean(prior >= value if above else prior <= value))
     if not np.isfinite(neutral):  # at a bound, from which all sizes are on one side
