@@ -154,9 +154,8 @@ class Hearing:
             if not leads:
                 return self._against_rival(names)
             # the favoured set gained enough when it was found
-            return self._against_leader(names) or (
-                [] if names == favoured else self._too_little(names)
-            )
+            weak = [] if names == favoured else self._too_little(names)
+            return weak or self._against_leader(names)
 
         found = contest(favoured, self._rivals_of, against)
         if self._is_incomplete:
@@ -253,17 +252,17 @@ class Hearing:
 
 
 def why_refuted(refuted: Refuted, best: Names, *, degrades: bool) -> dict[str, str]:
-    """Return why causes are not named, by name: alone, or in the sets that were heard.
+    """Return why causes are not named, by name: in the first set with each that was heard.
 
     Nothing of those in the best set, if it survives.
     """
-    found: dict[str, list[str]] = {}
+    found: dict[str, str] = {}
     for names, reasons in refuted.items():
         said = "; ".join(worded(one, degrades=degrades) for one in reasons)
         for name in names if best in refuted else names - best:
             beside = " and ".join(sorted(names - {name}))
-            found.setdefault(name, []).append(f"together with {beside}: {said}" if beside else said)
-    return {name: "; ".join(each) for name, each in found.items()}
+            found.setdefault(name, f"together with {beside}: {said}" if beside else said)
+    return found
 
 
 def favoured_of(

@@ -260,6 +260,9 @@ def cases():
             refuted={
                 frozenset({"pressure_offset"}): (UnheardOfSize("pressure_offset", 0.0),),
                 frozenset({"creep"}): (TooLittleExplained(0.4),),
+                frozenset({"gravity"}): (TooLittleExplained(0.3),),
+                frozenset({"mullins"}): (TooLittleExplained(0.2),),
+                frozenset({"erosion"}): (TooLittleExplained(0.1),),
             },
         ),
         "unexplained, evidence too weak": judgement_of(
