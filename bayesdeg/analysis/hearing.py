@@ -70,7 +70,7 @@ def label(names: Names) -> str:
 
 
 @dataclass(frozen=True)
-class Tested:
+class Heard:
     """A set of causes after all tests that may refute it, as far as they could be made.
 
     Parameters
@@ -100,7 +100,7 @@ class Tested:
     shared: list[SharedScatter]
     structure: MissingTerms | None
 
-    def without(self, refuted: Collection[Names]) -> "Tested":
+    def without(self, refuted: Collection[Names]) -> "Heard":
         """Return it without its refuted rivals."""
         supported = [
             replace(
@@ -141,10 +141,10 @@ class Hearing:
     progress: Progress
     guard: Guard
     known: HeldOutSets = NOTHING_KNOWN
-    tested: dict[Names, Tested] = field(default_factory=dict)
+    tested: dict[Names, Heard] = field(default_factory=dict)
     against_readings: dict[tuple[str, ...], list[Reason]] = field(default_factory=dict)
 
-    def best(self, favoured: Names) -> tuple[Tested, Refuted]:
+    def best(self, favoured: Names) -> tuple[Heard, Refuted]:
         """Return the best set that survives all tests, and the refuted ones with the reasons.
 
         If none survives, or a test could not be made, the set that the evidence favours.
@@ -165,7 +165,7 @@ class Hearing:
             best = best.without(found.refuted)
         return replace(best, everything=self.known[1]), found.refuted
 
-    def of(self, names: Names) -> Tested:
+    def of(self, names: Names) -> Heard:
         """Return all tests of a set."""
         if names not in self.tested:
             final = self.search.step(names)
@@ -175,7 +175,7 @@ class Hearing:
             )
             self.known = (held_out, everything)
             structure = self._structure(final) if names else None
-            self.tested[names] = Tested(
+            self.tested[names] = Heard(
                 names, final, *self.known, *about, self._shared(final), structure
             )
         return self.tested[names]
