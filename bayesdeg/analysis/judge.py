@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -12,6 +12,16 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.analysis.between_terms import term_trials
 from bayesdeg.analysis.calibrate import Fit, base_without_chain
 from bayesdeg.analysis.designs import candidate_experiments
+from bayesdeg.analysis.hearing import (
+    BASE,
+    REFUTING,
+    Favoured,
+    Hearing,
+    Refuted,
+    label,
+    terms_of,
+    why_refuted,
+)
 from bayesdeg.assembly.assemble import Assembly
 from bayesdeg.causes.catalogue import CATALOGUE, mechanism_of
 from bayesdeg.causes.cause import Cause, Stage
@@ -28,9 +38,9 @@ from bayesdeg.criticism.checks.count_misfit import (
 )
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.misfit_columns import misfit_columns
-from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
-from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
-from bayesdeg.criticism.decide.alternatives import StatedSets, stated_sets
+from bayesdeg.criticism.checks.missing_terms import MissingTerms
+from bayesdeg.criticism.checks.shared_scatter import SharedScatter
+from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.candidates import (
     NOT_KNOWN,
     Confusability,
@@ -39,14 +49,7 @@ from bayesdeg.criticism.decide.candidates import (
     effect_size,
 )
 from bayesdeg.criticism.decide.counted import Counted, CountedCause, judge_counts
-from bayesdeg.criticism.decide.support import (
-    Regroup,
-    Support,
-    as_it_is,
-    can_be_held_out,
-    hold_out_each,
-    supports,
-)
+from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import (
     Decision,
     NotComputed,
@@ -71,8 +74,8 @@ from bayesdeg.criticism.findings import (
 from bayesdeg.criticism.fit.linear import neutral_sizes
 from bayesdeg.criticism.fit.search import Names, Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.fit.side_by_side import later
-from bayesdeg.criticism.fit.trials import DECIDING, CandidateFit, try_causes
-from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, in_folds, joined, run_folds
+from bayesdeg.criticism.fit.trials import CandidateFit, try_causes
+from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, in_folds, run_folds
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
@@ -83,7 +86,6 @@ from bayesdeg.progress import Progress, Silent
 
 Floats = NDArray[np.float64]
 
-BASE: Names = frozenset()
 DRAWS = 4000  # draws for the reliable value of a parameter
 
 
@@ -136,6 +138,8 @@ class Judgement:
     stated : StatedSets or None
         Which sets of causes of the readings may be right; None where the evidence favours none, or
         it could not be computed.
+    refuted : mapping of frozenset of str to tuple of Reason
+        Sets of causes within odds of 20 of the best that a test refuted, and why.
     """
 
     misfit: Misfit
@@ -161,6 +165,7 @@ class Judgement:
     absorbed: Absorption | None = None
     missing: "Description | None" = None
     stated: StatedSets | None = None
+    refuted: Refuted = field(default_factory=dict)
 
     @property
     def predicted_with(self) -> tuple[str, ...]:
@@ -256,17 +261,6 @@ class Description:
         return min(near, key=lambda one: len(one.levels), default=None)
 
 
-def label(names: Names) -> str:
-    """Return the name of a model in tables.
-
-    Examples
-    --------
-    >>> label(frozenset({"gravity", "creep"}))
-    'base+creep+gravity'
-    """
-    return "+".join(("base", *sorted(names)))
-
-
 def extended_model(judgement: Judgement) -> tuple[JointModel, Floats] | None:
     """Return the model with the named or leading causes; None if there are none.
 
@@ -347,39 +341,6 @@ def with_sampled_sizes(judgement: Judgement, final: Fit) -> Judgement:
     return replace(judgement, candidates=found)
 
 
-def held_out_and_all(
-    search: Search,
-    chosen: Names,
-    *,
-    seed: np.random.SeedSequence,
-    executor: Executor | None = None,
-    on_set: Callable[[Names], None] | None = None,
-) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut]]:
-    """Hold out the study's main readings, and these together with films and means of replicates.
-
-    A wrong model of actuators can adapt to them and predict them well; it then contradicts the
-    films or the measured volume ratio.
-
-    Returns
-    -------
-    tuple of dict
-        By set of causes; the same where there is nothing beside, or no cause to compare.
-    """
-    subject = search.base.subject
-    compared = bool(chosen) and can_be_held_out(subject)
-    ways: list[Regroup] = [as_it_is]
-    ways += [partial(_beside_it, place) for place in range(len(subject.beside)) if compared]
-    own, *others = hold_out_each(search, chosen, ways, seed=seed, executor=executor, on_set=on_set)
-    everything = dict(own)
-    for other in others:
-        everything |= {names: joined(everything[names], more) for names, more in other.items()}
-    return own, everything
-
-
-def _beside_it(place: int, subject: JointModel) -> JointModel:
-    return subject.beside[place]
-
-
 def levels_out(
     search: Search, names: Names, *, seed: np.random.SeedSequence, executor: Executor | None
 ) -> dict[str, HeldOut]:
@@ -405,12 +366,6 @@ MOST = 4_000
 MOST_OF_FILMS = 20_000  # they cost almost nothing
 FEW_DRAWS = 100  # for the data compared besides the readings
 COUNT_DRAWS = 1000  # for a study's own rupture counts
-REFUTING = (
-    OptionalStage.HELD_OUT,
-    OptionalStage.SHARED_SCATTER,
-    OptionalStage.STRUCTURE,
-)  # tests required for naming a cause
-Favoured = tuple[list[Support], StatedSets | None]
 MOSTLY = 0.9  # fraction of the largest share that counts as similar
 IN_QUESTION = 3  # rivals for ranking experiments
 
@@ -490,14 +445,17 @@ def judge(
     progress.stage("misfit, calibrated by simulation")
     alone = search.step(BASE)
     progress.stage("causes, one by one and together")
-    chosen = run_search(search)
-    final = search.left(chosen) if chosen else alone
-    about = (final.trial, assembly.counts, assembly.of_counts)
-    for_counts = np.random.default_rng(seed.spawn(1)[0])
-    counting = None
-    if can_be_counted(final.trial.subject):
-        counting = later(partial(_judged_counts, *about, for_counts), executor)
+    favoured = run_search(search)
+    for_counts = seed.spawn(1)[0]
 
+    def counts_with(trial: CandidateFit) -> Callable[[], CountsJudged] | None:
+        if not can_be_counted(trial.subject):
+            return None
+        generator = np.random.default_rng(for_counts)
+        about = (trial, assembly.counts, assembly.of_counts, generator)
+        return later(partial(_judged_counts, *about), executor)
+
+    counting = counts_with(search.trials[favoured])
     draws = base.draws(generator, FEW_DRAWS)
     rupture = guard.attempt(OptionalStage.RUPTURE_MISFIT, rupturing)
     if rupture is not None and np.isnan(rupture.p_value):
@@ -507,15 +465,11 @@ def judge(
         rupture = None
     contradicted = guard.attempt(OptionalStage.CONFLICT, conflict, base.subject, draws)
     off_prior = guard.attempt(OptionalStage.CONFLICT, questioned, base.subject, draws) or ()
-    held_out, everything, favoured = _favoured(search, chosen, folding, progress, guard)
-    supported, stated = favoured
-    shared = (
-        guard.attempt(OptionalStage.SHARED_SCATTER, shared_scatter, final.trial, final.simulated)
-        or []
-    )
-    structure = None
-    if final is not alone:
-        structure = guard.attempt(OptionalStage.STRUCTURE, _terms_of, final, assembly)
+    best, refuted = Hearing(search, assembly, folding, progress, guard).best(favoured)
+    chosen, final, structure, shared = best.names, best.final, best.structure, best.shared
+    supported, stated = best.supported, best.stated
+    if chosen != favoured:
+        counting = counts_with(final.trial)
     absorbed = guard.attempt(OptionalStage.ABSORPTION, absorption, search, chosen)
     both = None
     if counting is not None:
@@ -542,7 +496,13 @@ def judge(
         stated=stated,
         untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
     )
-    judged = candidates(search, supported, everything, generator)
+    judged = candidates(
+        search,
+        supported,
+        best.everything,
+        generator,
+        why_refuted(refuted, chosen, degrades=search.base.subject.world.degrades),
+    )
     unjudged = (
         Candidate(cause=name, mechanism=mechanism_of(name), why=why)
         for name, why in assembly.unjudged.items()
@@ -555,7 +515,7 @@ def judge(
             OptionalStage.LEVELS_OUT, levels_out, search, names, seed=folding, executor=executor
         )
     experiments = guard.attempt(
-        OptionalStage.EXPERIMENTS, _next, search, decision, favoured, assembly, generator
+        OptionalStage.EXPERIMENTS, _next, search, decision, (supported, stated), assembly, generator
     )
     return Judgement(
         misfit=alone.misfit,
@@ -568,7 +528,7 @@ def judge(
         decision=decision,
         threshold=alone.threshold,
         confusability=confused,
-        held_out={label(names): found for names, found in held_out.items()},
+        held_out={label(names): found for names, found in best.held_out.items() if names <= chosen},
         levels_out=levels or {},
         search=search,
         shared=tuple(shared),
@@ -577,32 +537,10 @@ def judge(
         counted=counted,
         own_counts=own,
         absorbed=absorbed,
-        missing=_missing((alone, final), decision, structure, assembly, guard, seed, executor),
+        missing=_missing((alone, final), decision, assembly, guard, seed, executor),
         stated=stated,
+        refuted=refuted,
     )
-
-
-def _favoured(
-    search: Search,
-    chosen: Names,
-    seed: np.random.SeedSequence,
-    progress: Progress,
-    guard: Guard,
-) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut], Favoured]:
-    """Return held-out results, the support for each favoured cause, and the sets that may be right.
-
-    Specimens are held out a second time, with more draws, if Monte Carlo error may have decided
-    whether a cause is supported. The sets are None if they could not be computed.
-    """
-    held_out, everything = _held_out(search, chosen, seed, progress, guard)
-    supported = supports(search, chosen, everything)
-    if any(one.is_close_call for one in supported):
-        parts = (chosen - {name} for name in sorted(chosen))
-        search.settle([search.base.names, chosen, *parts], DECIDING)
-        held_out, everything = _held_out(search, chosen, seed, progress, guard)
-        supported = supports(search, chosen, everything)
-    stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)
-    return held_out, everything, (supported, stated)
 
 
 def count_misfits(
@@ -621,12 +559,15 @@ def count_misfits(
     )
 
 
+CountsJudged = tuple[Counted | None, CountMisfit | None]
+
+
 def _judged_counts(
     trial: CandidateFit,
     counts: RuptureCounts | None,
     causes: tuple[Cause, ...],
     generator: np.random.Generator,
-) -> tuple[Counted | None, CountMisfit | None]:
+) -> CountsJudged:
     first, second = generator.spawn(2)
     # one thread: the same sums in the same order, hence the same bits, in any process
     with threadpool_limits(limits=1):
@@ -646,15 +587,9 @@ def _with_counted(judged: list[Candidate], counted: Counted | None) -> tuple[Can
     return tuple(sorted(both, key=lambda one: 1.0 if one.probability is None else -one.probability))
 
 
-def _terms_of(step: Step, assembly: Assembly) -> MissingTerms:
-    linear, batches = step.trial.linear, assembly.batches
-    return missing_terms(linear, step.simulated, step.misfit, batches=batches)
-
-
 def _missing(
     steps: tuple[Step, Step],
     decision: Decision,
-    structure: MissingTerms | None,
     assembly: Assembly,
     guard: Guard,
     seed: np.random.SeedSequence,
@@ -666,8 +601,8 @@ def _missing(
     remains = named and final.misfit.p_value <= MISFIT_LEVEL
     if decision.outcome is not Outcome.UNEXPLAINED and not remains:
         return None
-    step, known = (final, structure) if named else (alone, None)
-    found = guard.attempt(OptionalStage.MISSING_TERMS, _described, step, known, assembly)
+    step = final if named else alone
+    found = guard.attempt(OptionalStage.MISSING_TERMS, _described, step, assembly)
     if found is None:
         return None
     generator = np.random.default_rng(seed.spawn(1)[0])
@@ -686,36 +621,11 @@ def _between_terms(
     return next_experiments_document(ranked, partial(worded, degrades=trial.subject.world.degrades))
 
 
-def _described(step: Step, known: MissingTerms | None, assembly: Assembly) -> Description:
-    found = _terms_of(step, assembly) if known is None else known
+def _described(step: Step, assembly: Assembly) -> Description:
+    found = terms_of(step, assembly)
     linear, batches = step.trial.linear, assembly.batches
     columns = misfit_columns(linear, step.simulated, step.misfit, batches=batches)
     return Description(step, found, columns)
-
-
-def _held_out(
-    search: Search,
-    chosen: Names,
-    seed: np.random.SeedSequence,
-    progress: Progress,
-    guard: Guard,
-) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut]]:
-    """Return the result of `held_out_and_all`; empty if it could not be computed."""
-    progress.stage("held-out specimens")
-
-    def told(names: Names) -> None:
-        progress.advance(1, label(names))
-
-    found = guard.attempt(
-        OptionalStage.HELD_OUT,
-        held_out_and_all,
-        search,
-        chosen,
-        seed=seed,
-        executor=search.executor,
-        on_set=told,
-    )
-    return found or ({}, {})
 
 
 def _next(

@@ -648,6 +648,15 @@ def explain(judgement: Judgement, where: str) -> str:
         likely=next((c for c in candidates if (c.probability or 0.0) >= LIKELY), None),
         nearest=max(judged, key=lambda c: c.log_bayes_factor or 0.0, default=None),
         rival=min(rivals, key=lambda one: one[0])[1] if rivals else None,
+        refuted=[
+            {
+                "name": " and ".join(sorted(names)),
+                "several": len(names) > 1,
+                "why": "; ".join(worded(one, degrades=degrades) for one in why),
+            }
+            for names, why in judgement.refuted.items()
+            if names != judgement.chosen
+        ],
         shares=_shares(judgement),
         modes=_modes(judgement),
         level=MISFIT_LEVEL,

@@ -23,6 +23,7 @@ from bayesdeg.criticism.decide.support import (
     MODERATE,
     TWINS_APART,
     Support,
+    least_tail,
     prior_tail,
     supports,
 )
@@ -52,7 +53,7 @@ from bayesdeg.criticism.findings import Conflict, RuptureMisfit
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
-from bayesdeg.priors import Normal, Parameter, TruncatedNormal
+from bayesdeg.priors import HalfNormal, LogNormal, Normal, Parameter, TruncatedNormal
 from tests.criticism import straight_subject as straight
 from tests.criticism.straight_subject import linear_cause
 
@@ -559,6 +560,50 @@ def test_the_tail_of_the_prior_is_that_of_its_law(law, of_law):
     size = search.trials[chosen].mode[-1]
     assert prior_tail(cause, size) == pytest.approx(of_law(size), abs=2e-3)
     assert of_law(size) > 0.005
+
+
+@pytest.mark.parametrize(
+    ("law", "neutral", "value", "tail"),
+    [
+        (Normal(0.0, 1.0), 0.0, 3.0, 2.0 * norm.sf(3.0)),
+        (Normal(0.0, 1.0), 0.0, -3.0, 2.0 * norm.sf(3.0)),
+        (TruncatedNormal(0.0, 0.12, 0.0, 1.0), 0.0, 0.36, 2.0 * norm.sf(3.0)),
+        (TruncatedNormal(0.0, 0.12, 0.0, 1.0), 0.0, 0.0, 1.0),
+        (HalfNormal(1.0), 0.0, 3.0, 2.0 * norm.sf(3.0)),  # neutral at an end of the scale
+        (LogNormal(1.0, 0.5), 1.0, float(np.exp(1.5)), 2.0 * norm.sf(3.0)),
+        (Normal(14.0, 1.0), 0.0, 17.0, norm.sf(3.0)),  # a user's own prior, off neutral
+        (Normal(14.0, 1.0), 0.0, 5.0, 1.0),
+        (Normal(14.0, 1.0), 0.0, -14.0, 0.0),
+    ],
+)
+def test_the_prior_tail_is_that_beyond_a_size_seen_from_neutral(law, neutral, value, tail):
+    given = replace(linear_cause("wave"), parameters=(Parameter("size", law, "–", "x", neutral),))
+    found = prior_tail(given, float(law.to_unconstrained(value)))
+    assert found == pytest.approx(tail, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("size", "sd", "law"),
+    [
+        (0.3, 0.01, Normal(0.0, 0.1)),
+        (0.3, 0.3, Normal(0.0, 0.1)),
+        (-0.5, 0.1, Normal(0.0, 0.1)),
+        (0.17999, 1e-6, TruncatedNormal(0.0, 0.1, 0.0, 0.18)),  # at a bound, but not improbable
+        (0.38, 0.01, TruncatedNormal(0.0, 0.1, 0.0, 1.0)),
+    ],
+)
+def test_the_end_of_the_interval_next_to_neutral_decides_whether_a_size_is_heard_of(size, sd, law):
+    cause = linear_cause("wave", law=law)
+    draws = norm.ppf((np.arange(2000) + 0.5) / 2000.0, size, sd)[:, None]
+    trial = SimpleNamespace(
+        subject=SimpleNamespace(table=SimpleNamespace(names=("wave.size",))),
+        posterior=SimpleNamespace(effective=100.0),
+        draws=lambda generator, count: draws,
+    )
+    end = max(abs(size) - norm.ppf(0.95) * sd, 0.0)
+    assert least_tail(trial, cause) == pytest.approx(2.0 * norm.sf(end / 0.1), abs=1e-3)
+    worthless = SimpleNamespace(posterior=SimpleNamespace(effective=0.0))
+    assert least_tail(worthless, cause) == 1.0
 
 
 # ---- what could not be set against chance

@@ -22,6 +22,7 @@ from bayesdeg.criticism.decide.verdict import (
     NotPredictedBetter,
     TooLittleExplained,
     Uncalibrated,
+    UnheardOfSize,
 )
 from bayesdeg.criticism.findings import (
     Candidate,
@@ -197,9 +198,20 @@ def cases():
             uncalibrated, supported=(support("pressure_offset", chance=None),)
         ),
         "named, something is left": replace(ONE, left=replace(ONE.left, p_value=0.01)),
+        "named, a rival refuted": replace(
+            judgement_of(named("pressure_loss"), support("pressure_loss")),
+            refuted={frozenset({"pressure_offset"}): (TooLittleExplained(0.4),)},
+        ),
         "ambiguous": judgement_of(
             Decision(Outcome.AMBIGUOUS, ("pressure_offset", "pressure_loss")),
             support("pressure_offset"),
+        ),
+        "ambiguous, a pair refuted": replace(
+            judgement_of(
+                Decision(Outcome.AMBIGUOUS, ("pressure_offset", "pressure_loss")),
+                support("pressure_offset"),
+            ),
+            refuted={frozenset({"creep", "erosion"}): (NoReduction(0.01, 500),)},
         ),
         "ambiguous, one of two together with one of two": judgement_of(
             replace(
@@ -239,6 +251,19 @@ def cases():
                 reasons=(TooLittleExplained(0.4), NotPredictedBetter("creep", -20.0, 4.0)),
             ),
             support("pressure_offset"),
+        ),
+        "unexplained, rivals refuted too": replace(
+            judgement_of(
+                Decision(Outcome.UNEXPLAINED, (), reasons=(UnheardOfSize("pressure_offset", 0.0),)),
+                support("pressure_offset"),
+            ),
+            refuted={
+                frozenset({"pressure_offset"}): (UnheardOfSize("pressure_offset", 0.0),),
+                frozenset({"creep"}): (TooLittleExplained(0.4),),
+                frozenset({"gravity"}): (TooLittleExplained(0.3),),
+                frozenset({"mullins"}): (TooLittleExplained(0.2),),
+                frozenset({"erosion"}): (TooLittleExplained(0.1),),
+            },
         ),
         "unexplained, evidence too weak": judgement_of(
             unexplained, candidates=(with_new(LOSS, log_bayes_factor=2.5), UNJUDGED)

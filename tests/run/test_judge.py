@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesdeg.analysis import hearing
 from bayesdeg.analysis import judge as judging
 from bayesdeg.analysis.calibrate import Fit, base_of
 from bayesdeg.analysis.designs import candidate_experiments
@@ -210,12 +211,12 @@ def test_specimens_are_held_out_again_where_draws_may_decide(shifted, monkeypatc
     search = replace(judgement.search, trials=dict(judgement.search.trials))
     chosen, held = frozenset({"pressure_offset"}), []
     monkeypatch.setattr(
-        judging, "_held_out", lambda search, *_: (held.append(search.trials[chosen]) or {}, {})
+        hearing, "_held_out", lambda search, *_: (held.append(search.trials[chosen]) or {}, {})
     )
     one = Support("pressure_offset", 40.0, gain, 1.0, {}, 0.3)
-    monkeypatch.setattr(judging, "supports", lambda *_: [one])
+    monkeypatch.setattr(hearing, "supports", lambda *_: [one])
     known = np.random.SeedSequence(1)
-    judging._favoured(search, chosen, known, Silent(), Guard(strict=True))
+    hearing.favoured_of(search, chosen, known, Silent(), Guard(strict=True))
     assert [trial.settled_by for trial in held] == [0, DECIDING][:times]
     assert search.factor(frozenset()) == 0.0
 

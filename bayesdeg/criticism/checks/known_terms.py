@@ -28,7 +28,7 @@ d its direction, F F' the covariance of the readings with the parameters integra
 of errors and scatter alone.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise, product
@@ -351,14 +351,20 @@ class KnownTerms:
         return len(self.terms)
 
 
-def known_terms(linear: Linear, batches: Mapping[str, str] | None = None) -> KnownTerms:
+def known_terms(
+    linear: Linear,
+    batches: Mapping[str, str] | None = None,
+    families: Collection[str] | None = None,
+) -> KnownTerms:
     """Return the candidate terms of a linearised model that its parameters cannot absorb.
 
-    Batches are by specimen, as far as known.
+    Batches are by specimen, as far as known; terms of all families of readings, or of some.
     """
     places, terms, columns = linear.subject.places, [], []
     slope = slopes_along(places, linear.prediction)
     for family in dict.fromkeys(places.family.tolist()):
+        if families is not None and family not in families:
+            continue
         rows = places.family == family
         known = known_of(linear, rows, batches or {})
         for term in _terms_of(linear, rows, known):

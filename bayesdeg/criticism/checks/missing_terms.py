@@ -29,7 +29,7 @@ adjustment by the largest; G'Sell et al. (2016), doi:10.1111/rssb.12122, for sto
 Scott and Berger (2010), doi:10.1214/10-AOS792; Barber and Candès (2015), doi:10.1214/15-AOS1337.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -158,13 +158,14 @@ def missing_terms(
     misfit: Misfit,
     *,
     batches: Mapping[str, str] | None = None,
+    families: Collection[str] | None = None,
 ) -> MissingTerms:
     """Return the few terms that would remove the misfit of a linearised model.
 
     Data sets (k, n_readings) are simulated from its posterior, without a misfit; batches are by
-    specimen, as far as known.
+    specimen, as far as known; terms of all families of readings, or of some.
     """
-    offered = known_terms(linear, batches)
+    offered = known_terms(linear, batches, families)
     null = linear.whiten(simulated) if len(simulated) else np.zeros((0, len(linear.mean)))
     if not len(offered) or not len(null):
         return MissingTerms((), len(offered), len(null), float("nan"))

@@ -11,7 +11,7 @@ the deficit of a set in log Bayes factor, a combination of several replacements 
 the combination, and there is no product but a list of sets.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -121,6 +121,32 @@ class StatedSets:
             return tuple(names for names in self.lists if len(names) > 1)
         further = (name for one in self.members for name in one.causes)
         return (tuple(dict.fromkeys(name for name in further if name not in self.certain)),)
+
+    def without(self, refuted: Collection[Names]) -> "StatedSets":
+        """Return what remains if some sets are refuted, but not the favoured one.
+
+        Examples
+        --------
+        >>> lists = (("creep", "mullins"),)
+        >>> both = (SetOdds(("creep",), 9.0, 0.0), SetOdds(("mullins",), 8.0, 1.0))
+        >>> StatedSets(lists, both).without({frozenset({"mullins"})}).product
+        (('creep',),)
+        """
+        heads = self.favoured
+        lists = tuple(
+            tuple(name for name in names if heads - {names[0]} | {name} not in refuted)
+            for names in self.lists
+        )
+        choices = {frozenset(picked) for picked in product(*lists)}
+        return StatedSets(
+            lists,
+            tuple(one for one in self.members if one.names not in refuted),
+            tuple(
+                one
+                for one in (*self.excluded, *self.members)
+                if one.names in choices and (one in self.excluded or one.names in refuted)
+            ),
+        )
 
 
 def stated_sets(search: Search, chosen: Names, supported: Sequence[Support]) -> StatedSets:

@@ -7,6 +7,7 @@ is as good where its linear Bayes factor is within odds of 20 of that of a.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,8 +109,12 @@ def candidates(
     supported: list[Support],
     held_out: Mapping[Names, HeldOut],
     generator: np.random.Generator,
+    why: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Candidate]:
-    """Return every cause that was tried, the most probable first."""
+    """Return every cause that was tried, the most probable first.
+
+    `why` says why those that a test refuted are not named, by name.
+    """
     shares = probabilities(search)
     named = {one.cause: one for one in supported}
     found = []
@@ -144,13 +149,14 @@ def candidates(
                 cause=cause.name,
                 log_bayes_factor=factor,
                 probability=shares[cause.name],
-                explained_fraction=fraction_explained(search.step(base), search.step(names)),
+                explained_fraction=fraction_explained(search.step(base), search.unscreened(names)),
                 elpd_diff=gain,
                 elpd_diff_se=error,
                 effect=effect_sizes(search.trials[names], cause, generator),
                 log_bayes_factor_error=float(np.hypot(larger.error, smaller.error)),
                 naming_p_value=chance,
                 mechanism=cause.mechanism,
+                why=why.get(cause.name, ""),
                 judged_by=FULL_FIT,
             )
         )

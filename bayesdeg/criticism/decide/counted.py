@@ -33,7 +33,7 @@ from bayesdeg.criticism.checks.count_misfit import (
     judged_counts,
 )
 from bayesdeg.criticism.decide.candidates import FULL_FIT, effect_sizes
-from bayesdeg.criticism.decide.support import Support, prior_tail
+from bayesdeg.criticism.decide.support import Support, least_tail, prior_tail
 from bayesdeg.criticism.findings import Candidate
 from bayesdeg.criticism.fit.linear import columns_of, with_prior_moments
 from bayesdeg.criticism.fit.search import naming_threshold
@@ -312,6 +312,7 @@ class _Extended:
             rivals={},
             prior_tail=prior_tail(self.cause, size),
             chance=float(chance_of(factor, chance)),
+            least_tail=least_tail(trial, self.cause),
         )
         return CountedCause(trial, support, left)
 

@@ -1,6 +1,6 @@
 """Support for each cause of a set: evidence, held-out specimens, rivals, plausible size."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
@@ -8,19 +8,27 @@ import numpy as np
 
 from bayesdeg.causes.cause import Cause
 from bayesdeg.criticism.fit.linear import columns_of
-from bayesdeg.criticism.fit.search import Names, Search, rivals
+from bayesdeg.criticism.fit.search import Names, Search, ensure, rivals
+from bayesdeg.criticism.fit.trials import CandidateFit
 from bayesdeg.criticism.holdout.held_out import HeldOut, difference, one_by_one, run_folds
 from bayesdeg.inference.model import JointModel
+from bayesdeg.priors import Distribution, Normal, TruncatedNormal
 
 Regroup = Callable[[JointModel], JointModel]
 
 INSEPARABLE = float(np.log(20.0))
 IMPLAUSIBLE = 0.005  # least prior probability of a size as far from neutral
+UNHEARD_OF = 0.001
+"""Prior probability of a size as far from neutral below which no evidence names a cause: one cause
+in a thousand has such a size, while one effect outside the catalogue in 25 was named as an entry in
+virtual studies. So such a size is more often that of an imitation."""
 TWINS_APART = (
     2.0 * INSEPARABLE
 )  # log Bayes factor that size priors alone can give between indistinguishable causes
 MODERATE = 2.0 * INSEPARABLE  # evidence up to which an implausible size is not accepted
 UNSURE = 3.0  # standard errors of a difference of evidences within which Monte Carlo error decides
+SIZES, INTERVAL = 2000, (0.05, 0.95)  # draws of a size and the ends of its interval
+LEVELS = 20_000  # quantiles of a prior: twenty of them lie beyond a tail of 0.001
 CLOSE_CALL = 2.0
 """Distance of a held-out gain from its threshold within which Monte Carlo error may decide [nats]:
 in one study the gain varied by 2.0 between three seeds."""
@@ -49,6 +57,10 @@ class Support:
         log Bayes factor, (1 + #)/(1 + n): the test that names, directed at the catalogue.
     twins : mapping of str to tuple of str
         Of it and of its rivals, which causes no reading tells from each.
+    least_tail : float
+        Prior probability of a size at least as far from neutral as the near end of its 90 %
+        interval, so that an interval that reaches into the bulk of the prior does not count
+        against it.
     """
 
     cause: str
@@ -60,6 +72,7 @@ class Support:
     together: tuple[float, float] | None = None
     chance: float | None = None
     twins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    least_tail: float = 1.0
 
     @property
     def held_out_agrees(self) -> bool:
@@ -90,10 +103,19 @@ class Support:
 
         Evidence does not compel one of several causes: two causes of arbitrary size can imitate a
         third, with more evidence the more readings there are. A nonlinear gauge looks like a film
-        mismatch of five standard deviations together with a leak.
+        mismatch of five standard deviations together with a leak. Nor does it compel one whose
+        whole interval is `UNHEARD_OF`: a regulator with friction looks like creep, but creeps by a
+        half where 99.9 % of the prior lie below two fifths.
         """
+        if self.is_unheard_of:
+            return False
         excused = self.together is None and self.log_bayes_factor >= MODERATE
         return self.prior_tail >= IMPLAUSIBLE or excused
+
+    @property
+    def is_unheard_of(self) -> bool:
+        """Whether even the size nearest to neutral that the readings allow is `UNHEARD_OF`."""
+        return self.least_tail < UNHEARD_OF
 
     @property
     def inseparable(self) -> tuple[str, ...]:
@@ -132,6 +154,7 @@ def hold_out_each(
     chosen: Names,
     ways: Sequence[Regroup],
     *,
+    known: Collection[Names] = (),
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
@@ -140,16 +163,17 @@ def hold_out_each(
 
     All calibrations run in parallel, with the same seed, so that they are compared on the same
     draws. Each of the ways makes of a model one that holds out other groups. `on_set` is called
-    after each set. One mapping for each way; empty where there is a single group of readings,
-    without which nothing would be left, or no group.
+    after each set. One mapping for each way, without the sets already `known`; empty where there is
+    a single group of readings, without which nothing would be left, or no group.
     """
     smaller = (chosen - {name} for name in sorted(chosen))
-    sets = list(dict.fromkeys([search.base.names, *smaller, chosen]))
+    sets = dict.fromkeys([search.base.names, *smaller, chosen])
     asked = [
         (way, names)
         for way, regroup in enumerate(ways)
         if can_be_held_out(regroup(search.base.subject))
         for names in sets
+        if names not in known
     ]
     fits = ((search.trials[names], ways[way]) for way, names in asked)
     plans = (one_by_one(replace(fit, subject=way(fit.subject)), seed) for fit, way in fits)
@@ -191,42 +215,81 @@ def supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -
 
 
 def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) -> list[Support]:
-    found, together = [], None
-    if len(chosen) > 1 and {chosen, search.base.names} <= set(held_out):
-        together = difference(held_out[chosen], held_out[search.base.names])
+    twins, whole = {cause.name: cause.twins for cause in search.causes}, search.factor(chosen)
+    found = []
     for name in sorted(chosen):
-        rest = chosen - {name}
-        tested = chosen in held_out and rest in held_out
-        gain, error = difference(held_out[chosen], held_out[rest]) if tested else (None, None)
         others = rivals(search, chosen, name)
-        twins = {cause.name: cause.twins for cause in search.causes}
-        whole = search.factor(chosen)
-        factor = whole - search.factor(rest)
-        fitted = search.trials[chosen]
-        cause = fitted.cause(name)
-        size = float(fitted.mode[columns_of(fitted.subject, cause)[0]])
+        one = support_without_rivals(search, chosen, name, held_out)
         found.append(
-            Support(
-                name,
-                factor,
-                gain,
-                error,
-                {rival: whole - other for rival, other in others.items()},
-                prior_tail(cause, size),
-                together,
-                search.step(rest).chance_of(factor),
-                {one: twins[one] for one in (name, *others)},
+            replace(
+                one,
+                rivals={rival: whole - other for rival, other in others.items()},
+                chance=search.step(chosen - {name}).chance_of(one.log_bayes_factor),
+                twins={one: twins[one] for one in (name, *others)},
             )
         )
     return sorted(found, key=lambda one: -one.log_bayes_factor)
 
 
+def support_without_rivals(
+    search: Search, chosen: Names, name: str, held_out: Mapping[Names, HeldOut]
+) -> Support:
+    """Return the support for a cause of a fitted set whose replacements are not sought."""
+    base, rest, fitted = search.base.names, chosen - {name}, search.trials[chosen]
+    ensure(search, rest)
+    together = None
+    if len(chosen) > 1 and {chosen, base} <= set(held_out):
+        together = difference(held_out[chosen], held_out[base])
+    tested = chosen in held_out and rest in held_out
+    gain, error = difference(held_out[chosen], held_out[rest]) if tested else (None, None)
+    cause = fitted.cause(name)
+    return Support(
+        name,
+        search.factor(chosen) - search.factor(rest),
+        gain,
+        error,
+        {},
+        prior_tail(cause, float(fitted.mode[columns_of(fitted.subject, cause)[0]])),
+        together,
+        least_tail=least_tail(fitted, cause),
+    )
+
+
+def least_tail(trial: CandidateFit, cause: Cause) -> float:
+    """Return the prior tail beyond the end of the 90 % interval that is nearest to neutral.
+
+    1 if the interval holds the neutral size, or its draws are worth nothing. A bound cuts no tail
+    off: the skin of a wide prior that is pressed against its bound is thicker than the rule has it,
+    but not improbable up to there.
+    """
+    if not trial.posterior.effective > 0.0:
+        return 1.0
+    draws = trial.draws(np.random.default_rng(0), SIZES)[:, columns_of(trial.subject, cause)[0]]
+    low, high = np.quantile(draws, INTERVAL)
+    size, law = cause.parameters[0], cause.parameters[0].law
+    neutral = float(law.to_unconstrained(size.neutral or 0.0))
+    if isinstance(law, TruncatedNormal):
+        law = Normal(law.mean, law.sd)
+    return _tail(law, neutral, float(np.clip(neutral, low, high)))
+
+
 def prior_tail(cause: Cause, value: float) -> float:
     """Return the prior probability of a size at least as far from neutral.
 
-    The first parameter of a cause is its size; the value is on the unconstrained scale.
+    The first parameter of a cause is its size; the value is on the unconstrained scale. If the
+    prior is not symmetric about neutral, sizes on the other side count for no more than those on
+    the value's own side: under a prior of 14 ± 1, a size of −14 is not probable.
     """
     size = cause.parameters[0]
-    neutral = float(size.law.to_unconstrained(size.neutral or 0.0))
-    prior = size.law.to_unconstrained(size.law.quantile((np.arange(2000) + 0.5) / 2000.0))
-    return float(np.mean(np.abs(prior - neutral) >= abs(value - neutral)))
+    return _tail(size.law, float(size.law.to_unconstrained(size.neutral or 0.0)), value)
+
+
+def _tail(law: Distribution, neutral: float, value: float) -> float:
+    if value == neutral:
+        return 1.0
+    prior = law.to_unconstrained(law.quantile((np.arange(LEVELS) + 0.5) / LEVELS))
+    above = value > neutral
+    same = float(np.mean(prior >= value if above else prior <= value))
+    if not np.isfinite(neutral):  # at a bound, from which all sizes are on one side
+        return same
+    return min(float(np.mean(np.abs(prior - neutral) >= abs(value - neutral))), 2.0 * same)

@@ -5,17 +5,19 @@ model; (2) a Gaussian-process discrepancy measures how much there is to explain;
 added one after another while the evidence exceeds what chance gives in 5 % of data without an
 effect, a test directed at the catalogue, and they are then judged jointly (`fit.search`); (4)
 together they must raise the predictive density of held-out data by more than a standard error,
-each adding to it, and leave no more than chance or remove most of the misfit; none may need an
-implausible size, unless it acts alone with strong evidence, or treat a deviation of whole levels
-as scatter of single specimens (`checks.shared_scatter`). Without a cause, the overall misfit,
-ruptures, their counts, measured means and priors decide whether the base model is adequate. The
-misfit left by causes must not require a further term in known quantities (`checks.missing_terms`),
-which catches effects outside the catalogue that resemble a cause; (5) alternatives to a cause are
-reported, as a product of lists if every combination is supported, else as a list of sets
-(`decide.alternatives`): a cause is named if it is in all of them.
+each adding to it, and leave no more than chance or remove most of the misfit; none may need a size
+that its prior all but excludes, or one that is implausible unless it acts alone with strong
+evidence, or treat a deviation of whole levels as scatter of single specimens
+(`checks.shared_scatter`). Without a cause, the overall misfit, ruptures, their counts, measured
+means and priors decide whether the base model is adequate. The misfit left by causes must not
+require a further term in known quantities (`checks.missing_terms`), which catches effects outside
+the catalogue that resemble a cause; (5) sets within odds of 20 get the same tests, and those that
+are refuted drop out (`decide.contest`); what remains is reported as a product of lists if every
+combination is supported, else as a list of sets (`decide.alternatives`): a cause is named if it is
+in all of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,6 +119,23 @@ class ImplausibleSize:
 
 
 @dataclass(frozen=True)
+class UnheardOfSize:
+    """The readings need a size of the cause that its prior excludes, whatever the evidence."""
+
+    cause: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class TooLittleEvidence:
+    """A rival of a refuted cause gains less evidence than naming requires [nats]."""
+
+    cause: str
+    log_bayes_factor: float
+    threshold: float
+
+
+@dataclass(frozen=True)
 class SharedByLevel:
     """What the cause treats as scatter of single specimens is shared by degradation rates."""
 
@@ -174,6 +193,8 @@ type Reason = (
     | NothingHeldOut
     | NotPredictedBetter
     | ImplausibleSize
+    | UnheardOfSize
+    | TooLittleEvidence
     | SharedByLevel
     | NoReduction
     | TooLittleExplained
@@ -279,18 +300,10 @@ def decide(
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model with overestimated errors shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
-    by_level = [one for one in shared if one.is_more_than_chance]
-    against = [*_against_misfit(base, final), *_structure(structure)] if of_readings else []
-    structured = any(isinstance(reason, StructureLeft) for reason in against)
-    off = off or bool(by_level) or structured
-    unconfirmed = dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees)
-    implausible = (
-        ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor, one.together is not None)
-        for one in supported
-        if not one.is_plausible
-    )
-    shared_by = (SharedByLevel(one.cause, one.p_value, one.replicates) for one in by_level)
-    reasons: list[Reason] = [*unconfirmed, *implausible, *shared_by, *against]
+    by_level, structured = against_scatter(shared), against_structure(structure)
+    against = [*against_misfit(base, final), *structured] if of_readings else []
+    off = off or bool(by_level) or (of_readings and bool(structured))
+    reasons = [*against_held_out(supported), *against_sizes(supported), *by_level, *against]
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
@@ -359,7 +372,33 @@ def _unknown(base: Step, supported: list[Support]) -> list[Reason]:
     return [_against(one) for one in supported if one.elpd_diff is None]
 
 
-def _structure(found: MissingTerms | None) -> list[Reason]:
+def against_sizes(supported: Iterable[Support]) -> list[Reason]:
+    """Return the sizes that are too improbable for what speaks for them."""
+    found: list[Reason] = []
+    for one in supported:
+        if one.is_unheard_of:
+            found.append(UnheardOfSize(one.cause, one.least_tail))
+        elif not one.is_plausible:
+            beside = one.together is not None
+            found.append(ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor, beside))
+    return found
+
+
+def against_held_out(supported: Iterable[Support]) -> list[Reason]:
+    """Return the causes with which held-out specimens are not predicted better."""
+    return list(dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees))
+
+
+def against_scatter(shared: Iterable[SharedScatter]) -> list[Reason]:
+    """Return the causes that treat a deviation of whole levels as scatter of single specimens."""
+    return [
+        SharedByLevel(one.cause, one.p_value, one.replicates)
+        for one in shared
+        if one.is_more_than_chance
+    ]
+
+
+def against_structure(found: MissingTerms | None) -> list[Reason]:
     """Return the remaining term, if it has a relevant size and exceeds chance.
 
     Held-out specimens need not confirm it: giving a term is a claim, doubting a cause is not.
@@ -381,7 +420,8 @@ def _against(one: Support) -> Reason:
     return NotPredictedBetter(one.cause, one.elpd_diff, one.elpd_diff_se or 0.0)
 
 
-def _against_misfit(base: Step, final: Step) -> list[Reason]:
+def against_misfit(base: Step, final: Step) -> list[Reason]:
+    """Return why the misfit left by causes counts against them, if it does."""
     left, replicates = final.misfit.p_value, len(final.misfit.null)
     if left > LEFT_LEVEL:
         return []

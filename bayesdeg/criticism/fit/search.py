@@ -200,12 +200,9 @@ class Search:
         """Return the tests of a fitted set."""
         if names in self.steps:
             return self.steps[names]
-        trial, linear = self.trials[names], self.trials[names].linear
-        simulate = partial(_simulated, trial, np.random.default_rng(self._seed(names, 1)))
-        simulated = simulate(self.effort.replicates)
-        misfit = resolved(measure(linear, simulated), linear, simulate, most=self.effort.most)
+        plain = self.unscreened(names)
+        trial, linear, known = plain.trial, plain.trial.linear, plain.simulated
         others = [cause for cause in self.causes if cause.name not in names]
-        known = complete_sets(simulated)
         jobs = [(c, self._seed(names | {c.name}, 2)) for c in others]
         found = apply(partial(_screened, trial), jobs, self.executor)
         screened = {cause.name: one for cause, one in zip(others, found, strict=True)}
@@ -216,10 +213,21 @@ class Search:
             judged = [cause for cause in others if not cause.is_of_rupture_alone]
             found = apply(partial(screen, straight), judged, self.executor)
             unbent = {cause.name: one for cause, one in zip(judged, found, strict=True)}
-        self.steps[names] = Step(
-            trial, misfit, known, screened, naming_threshold(chance), unbent, chance
+        threshold = naming_threshold(chance)
+        self.steps[names] = replace(
+            plain, screened=screened, threshold=threshold, unbent=unbent, chance=chance
         )
         return self.steps[names]
+
+    def unscreened(self, names: Names) -> Step:
+        """Return the misfit of a fitted set; further causes are screened only if they were."""
+        if names in self.steps:
+            return self.steps[names]
+        trial, linear = self.trials[names], self.trials[names].linear
+        simulate = partial(_simulated, trial, np.random.default_rng(self._seed(names, 1)))
+        simulated = simulate(self.effort.replicates)
+        misfit = resolved(measure(linear, simulated), linear, simulate, most=self.effort.most)
+        return Step(trial, misfit, complete_sets(simulated), {}, LEAST_FACTOR)
 
     def passes(self, names: Names, larger: Names) -> bool:
         """Return whether a larger set gains enough beyond a fitted set for naming.
@@ -247,19 +255,21 @@ class Search:
         return gain >= step.threshold
 
     def left(self, names: Names) -> Step:
-        """Return the tests of a favoured set, with enough replicates for the remaining misfit.
+        """Return the misfit of a favoured set or a rival, from enough replicates.
 
         More data sets are simulated until the p-value of the misfit is clearly on one side of
         `LEFT_LEVEL`.
         """
-        step = self.step(names)
+        step = self.unscreened(names)
         generator = np.random.default_rng(self._seed(names, 5))
         simulate = partial(_simulated, step.trial, generator)
         misfit = resolved(
             step.misfit, step.trial.linear, simulate, most=self.effort.most, level=LEFT_LEVEL
         )
-        self.steps[names] = replace(step, misfit=misfit)
-        return self.steps[names]
+        step = replace(step, misfit=misfit)
+        if names in self.steps:
+            self.steps[names] = step
+        return step
 
     def fit(self, parent: Names, additions: Iterable[str]) -> list[Names]:
         """Fit a set with each of several causes added, in parallel; return the larger sets."""
@@ -406,7 +416,7 @@ def rivals(search: Search, chosen: Names, cause: str) -> dict[str, float]:
     model.
     """
     rest = chosen - {cause}
-    _ensure(search, rest)
+    ensure(search, rest)
     larger = [names for names in search.trials if names > rest and len(names) == len(chosen)]
     fitted = sorted(name for names in larger for name in names - rest)
     own = search.trials[chosen].cause(cause)
@@ -527,7 +537,7 @@ def _pruned(search: Search, names: Names) -> Names:
     while names - search.base.names:
         gains = {}
         for name in sorted(names - search.base.names):
-            _ensure(search, names - {name})
+            ensure(search, names - {name})
             gains[name] = search.factor(names) - search.factor(names - {name})
         weakest = min(gains, key=lambda name: gains[name])
         if search.passes(names - {weakest}, names):
@@ -536,8 +546,8 @@ def _pruned(search: Search, names: Names) -> Names:
     return names
 
 
-def _ensure(search: Search, names: Names) -> None:
-    """Fit a set, cause by cause, if not fitted yet."""
+def ensure(search: Search, names: Names) -> None:
+    """Fit a set, cause by cause, if it is not fitted yet."""
     if names in search.trials:
         return
     known = max((n for n in search.trials if n < names), key=len)
