@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from bayesdeg.causes.creep import CAUSE as CREEP
 from bayesdeg.criticism.checks.conflict import questioned_at
 from bayesdeg.criticism.checks.discrepancy import LARGE, Misfit
 from bayesdeg.criticism.checks.known_terms import Acts, KnownTerm, Quantified
@@ -22,6 +23,7 @@ from bayesdeg.criticism.decide.support import (
     INSEPARABLE,
     MODERATE,
     TWINS_APART,
+    UNHEARD_OF,
     Support,
     least_tail,
     prior_tail,
@@ -604,6 +606,22 @@ def test_the_end_of_the_interval_next_to_neutral_decides_whether_a_size_is_heard
     assert least_tail(trial, cause) == pytest.approx(2.0 * norm.sf(end / 0.1), abs=1e-3)
     worthless = SimpleNamespace(posterior=SimpleNamespace(effective=0.0))
     assert least_tail(worthless, cause) == 1.0
+
+
+@pytest.mark.parametrize(("seconds", "is_heard_of"), [(30.0, True), (1e5, False)])
+def test_a_pace_that_a_cause_does_not_have_is_not_heard_of_either(seconds, is_heard_of):
+    amount, pace = CREEP.parameters
+    centre = float(pace.law.to_unconstrained(seconds))
+    at = np.array([float(amount.law.to_unconstrained(0.1)), centre])
+    draws = at + 0.01 * norm.ppf((np.arange(2000) + 0.5) / 2000.0)[:, None]
+    trial = SimpleNamespace(
+        subject=SimpleNamespace(
+            table=SimpleNamespace(names=("creep.amount", "creep.time_constant"))
+        ),
+        posterior=SimpleNamespace(effective=100.0),
+        draws=lambda generator, count: draws,
+    )
+    assert (least_tail(trial, CREEP) >= UNHEARD_OF) is is_heard_of
 
 
 # ---- what could not be set against chance

@@ -256,21 +256,25 @@ def support_without_rivals(
 
 
 def least_tail(trial: CandidateFit, cause: Cause) -> float:
-    """Return the prior tail beyond the end of the 90 % interval that is nearest to neutral.
+    """Return the prior tail beyond the end of the 90 % interval that is nearest to the centre.
 
-    1 if the interval holds the neutral size, or its draws are worth nothing. A bound cuts no tail
-    off: the skin of a wide prior that is pressed against its bound is thicker than the rule has it,
-    but not improbable up to there.
+    The centre of a cause's size is its neutral value, that of another parameter, such as the time
+    constant of creep, its prior median; the least of all parameters counts. 1 if every interval
+    holds its centre, or the draws are worth nothing. A bound cuts no tail off: the skin of a wide
+    prior that is pressed against its bound is thicker than the rule has it, but not improbable up
+    to there.
     """
     if not trial.posterior.effective > 0.0:
         return 1.0
-    draws = trial.draws(np.random.default_rng(0), SIZES)[:, columns_of(trial.subject, cause)[0]]
-    low, high = np.quantile(draws, INTERVAL)
-    size, law = cause.parameters[0], cause.parameters[0].law
-    neutral = float(law.to_unconstrained(size.neutral or 0.0))
-    if isinstance(law, TruncatedNormal):
-        law = Normal(law.mean, law.sd)
-    return _tail(law, neutral, float(np.clip(neutral, low, high)))
+    draws = trial.draws(np.random.default_rng(0), SIZES)[:, columns_of(trial.subject, cause)]
+    tails = []
+    for number, (one, drawn) in enumerate(zip(cause.parameters, draws.T, strict=True)):
+        low, high = np.quantile(drawn, INTERVAL)
+        median = float(np.asarray(one.law.quantile(np.array([0.5]))).item())
+        centre = float(one.law.to_unconstrained((one.neutral or 0.0) if number == 0 else median))
+        law = Normal(one.law.mean, one.law.sd) if isinstance(one.law, TruncatedNormal) else one.law
+        tails.append(_tail(law, centre, float(np.clip(centre, low, high))))
+    return min(tails)
 
 
 def prior_tail(cause: Cause, value: float) -> float:
