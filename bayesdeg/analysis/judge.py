@@ -45,6 +45,7 @@ from bayesdeg.criticism.decide.support import (
     as_it_is,
     can_be_held_out,
     hold_out_each,
+    support_of,
     supports,
 )
 from bayesdeg.criticism.decide.verdict import (
@@ -403,6 +404,14 @@ OWN_EFFORTS = JUDGE_EFFORTS | {"standard": OWN_MAP}
 MOST = 4_000
 """Replicates if a p-value is near the deciding level: its Monte Carlo error is then 0.003."""
 MOST_OF_FILMS = 20_000  # they cost almost nothing
+BRIEF = SearchEffort(replicates=100, fitted=1, pairs=0, most=400)
+NOT_IN_BRIEF = (
+    OptionalStage.SETS,
+    OptionalStage.HELD_OUT,
+    OptionalStage.STRUCTURE,
+    OptionalStage.RUPTURE_COUNTS,
+)
+"""What a second verdict, made for comparison only, leaves out: most of the time of a search."""
 FEW_DRAWS = 100  # for the data compared besides the readings
 COUNT_DRAWS = 1000  # for a study's own rupture counts
 REFUTING = (
@@ -579,6 +588,50 @@ def judge(
         absorbed=absorbed,
         missing=_missing((alone, final), decision, structure, assembly, guard, seed, executor),
         stated=stated,
+    )
+
+
+def judge_briefly(
+    assembly: Assembly,
+    base: CandidateFit,
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+) -> Decision:
+    """Judge a base model by its misfit and the best single cause, without `NOT_IN_BRIEF`.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Candidates, and why others are none.
+    base : CandidateFit
+        The base model, calibrated.
+    seed : SeedSequence
+        Everything random comes from it.
+    executor : Executor, optional
+        For trials.
+    """
+    searching, drawing = seed.spawn(2)
+    generator = np.random.default_rng(drawing)
+    search = Search(base, assembly.candidates, BRIEF, searching, executor=executor)
+    alone = final = search.step(BASE)
+    supported = []
+    best = max(search.fit(BASE, search.leaders(BASE)), key=search.factor, default=BASE)
+    if best and search.passes(BASE, best):
+        final = search.step(best)
+        supported = [support_of(search, best, cause) for cause in best]
+    draws = base.draws(generator, FEW_DRAWS)
+    rupture = rupture_misfit(base.subject, draws, generator)
+    return decide(
+        search.step(BASE),
+        final,
+        supported,
+        rupture=None if rupture is None or np.isnan(rupture.p_value) else rupture,
+        contradicted=conflict(base.subject, draws),
+        questioned=questioned(base.subject, draws),
+        alike=tuple(cause.name for cause in assembly.alike),
+        shared=[] if final is alone else shared_scatter(final.trial, final.simulated),
+        held_out=False,
     )
 
 

@@ -195,30 +195,33 @@ def _supports(search: Search, chosen: Names, held_out: Mapping[Names, HeldOut]) 
     if len(chosen) > 1 and {chosen, search.base.names} <= set(held_out):
         together = difference(held_out[chosen], held_out[search.base.names])
     for name in sorted(chosen):
+        others = rivals(search, chosen, name)
         rest = chosen - {name}
         tested = chosen in held_out and rest in held_out
         gain, error = difference(held_out[chosen], held_out[rest]) if tested else (None, None)
-        others = rivals(search, chosen, name)
         twins = {cause.name: cause.twins for cause in search.causes}
         whole = search.factor(chosen)
-        factor = whole - search.factor(rest)
-        fitted = search.trials[chosen]
-        cause = fitted.cause(name)
-        size = float(fitted.mode[columns_of(fitted.subject, cause)[0]])
         found.append(
-            Support(
-                name,
-                factor,
-                gain,
-                error,
-                {rival: whole - other for rival, other in others.items()},
-                prior_tail(cause, size),
-                together,
-                search.step(rest).chance_of(factor),
-                {one: twins[one] for one in (name, *others)},
+            replace(
+                support_of(search, chosen, name),
+                elpd_diff=gain,
+                elpd_diff_se=error,
+                rivals={rival: whole - other for rival, other in others.items()},
+                together=together,
+                twins={one: twins[one] for one in (name, *others)},
             )
         )
     return sorted(found, key=lambda one: -one.log_bayes_factor)
+
+
+def support_of(search: Search, chosen: Names, name: str) -> Support:
+    """Return the support for one cause of a fitted set by evidence alone, without rivals."""
+    rest, fitted = chosen - {name}, search.trials[chosen]
+    factor = search.factor(chosen) - search.factor(rest)
+    cause = fitted.cause(name)
+    size = float(fitted.mode[columns_of(fitted.subject, cause)[0]])
+    chance = search.step(rest).chance_of(factor)
+    return Support(name, factor, None, None, {}, prior_tail(cause, size), chance=chance)
 
 
 def prior_tail(cause: Cause, value: float) -> float:

@@ -226,6 +226,7 @@ def decide(
     untested: Sequence[NotComputed] = (),
     structure: MissingTerms | None = None,
     stated: StatedSets | None = None,
+    held_out: bool = True,
 ) -> Decision:
     """Return the outcome.
 
@@ -267,6 +268,8 @@ def decide(
     stated : StatedSets, optional
         Which sets of causes of the readings may be right; by default each cause is held against its
         own rivals alone.
+    held_out : bool
+        Whether specimens were to be held out; if not, causes need no confirmation by them.
     """
     unknown_scatter = (NotTested(one.cause) for one in shared if not one.is_tested)
     missed: list[Reason] = [*untested, *unknown_scatter]
@@ -283,7 +286,8 @@ def decide(
     against = [*_against_misfit(base, final), *_structure(structure)] if of_readings else []
     structured = any(isinstance(reason, StructureLeft) for reason in against)
     off = off or bool(by_level) or structured
-    unconfirmed = dict.fromkeys(_against(one) for one in supported if not one.held_out_agrees)
+    confirming = supported if held_out else []
+    unconfirmed = dict.fromkeys(_against(one) for one in confirming if not one.held_out_agrees)
     implausible = (
         ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor, one.together is not None)
         for one in supported
@@ -294,7 +298,7 @@ def decide(
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
-        unknown = [] if off else _unknown(base, supported)
+        unknown = [] if off else _unknown(base, confirming)
         if unknown:
             both = dict.fromkeys([*reasons, *unknown])
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
