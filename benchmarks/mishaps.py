@@ -8,7 +8,8 @@ as those of ``hidden_effects.py``: a third without anything, a third with a mish
 written; the study is then looked through, calibrated and judged from its folder alone, as
 ``bayesdeg run`` does at quick effort. With ``--record FILE`` studies in the file are not judged
 again; ``--search`` looks for suspects and judges nothing, for what is found alone, in seconds a
-study; ``--whole`` sets nothing aside, for what the verdicts would be.
+study; ``--whole`` sets nothing aside, for what the verdicts would be; ``--causes`` looks for
+suspects in the studies of ``hidden_effects.py``, which have causes and no mishaps.
 
 Keys: ``mishap_named`` is the share of studies with a mishap alone in which a cause is named;
 ``mishap_found`` that in which the specimens or readings at fault are among the suspects: one of
@@ -17,8 +18,9 @@ that show by five standard deviations, to whoever knows what to look for (`shown
 ``cause_beside_mishap_named`` the share of studies with a cause beside a mishap in which that cause
 alone is named, or stands in a set that cannot be told apart, of those in which the same study
 without the mishap is judged so;
-``false_suspects`` the share of studies without a mishap that have a suspect; ``innocent_aside``
-that of studies with one in which a sound specimen, or a reading of one, is set aside too.
+``false_suspects`` the share of studies without a mishap that have a suspect, ``sound_aside`` that
+of those in which one is set aside; ``innocent_aside`` that of studies with a mishap in which a
+sound specimen, or a reading of one, is set aside too.
 """
 
 import argparse
@@ -31,8 +33,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from hidden_effects import library
-from hidden_studies import HiddenStudy, _sized, made
+from hidden_effects import SEED as HIDDEN
+from hidden_effects import _planted, library
+from hidden_studies import HiddenStudy, _sized, drawn_study, made
 from numpy.typing import NDArray
 from physics.mishaps import MISHAPS, Mishap, happen
 from threadpoolctl import threadpool_limits
@@ -159,7 +162,7 @@ def judged(
     mishap, shown = written(number, folder, spoilt=spoilt)
     kind, name, cause, design = drawn(number)
     with threadpool_limits(limits=1):
-        study = read_study(folder) if whole else screening(read_study(folder))
+        study = keeping_all(read_study(folder)) if whole else read_study(folder)
         begun = time.perf_counter()
         assembly = assemble_screened(study)
         seconds = time.perf_counter() - begun
@@ -196,16 +199,36 @@ def judged(
     }
 
 
-def screening(study: Study) -> Study:
-    """Return a study that asks to be looked through."""
-    return replace(study, settings=replace(study.settings, suspects=SuspectOptions(set_aside=True)))
+def with_causes(number: int) -> Json:
+    """Look through a study of ``hidden_effects.py``; return what was found."""
+    folder = STORE / f"causes-{number}"
+    study = drawn_study(number, seed=HIDDEN)
+    _planted(study, folder, HIDDEN)
+    with threadpool_limits(limits=1):
+        begun = time.process_time()
+        assembly = assemble_screened(read_study(folder))
+    return {
+        "number": number,
+        "kind": study.kind,
+        "hidden": list(study.names),
+        "aside": [_short(one) for one in assembly.aside],
+        "lost": innocent(None, assembly.aside),
+        "seconds": time.process_time() - begun,
+    }
+
+
+def keeping_all(study: Study) -> Study:
+    """Return a study that sets nothing aside."""
+    settings = replace(study.settings, suspects=SuspectOptions(set_aside=False))
+    return replace(study, settings=settings)
 
 
 def _short(one: Exclusion) -> list[object]:
     suspect = one.suspect
     if suspect is None:
         return ["unit", list(one.specimens), None, None]
-    return [str(suspect.hypothesis.oddity), list(one.specimens), suspect.size, suspect.score]
+    way = str(suspect.hypothesis.oddity)
+    return [way, list(one.specimens), suspect.size, suspect.score, suspect.p_value, one.is_out]
 
 
 def was_found(
@@ -282,6 +305,7 @@ def summary(found: list[Json]) -> Json:
         "cause_beside_mishap_named_of_all": _share(right(one) for one in hidden if one["spoilt"]),
         "cause_beside_mishap_all_studies": sum(one["spoilt"] for one in hidden),
         "false_suspects": _share(bool(one["aside"]) for one in clean),
+        "sound_aside": _share(bool(one["innocent"]) for one in clean),
         "studies_without_mishap": len(clean),
         "false_doubts": _share(bool(one["doubts"]) for one in clean),
         "none_named": _share(one["outcome"] == "named" for one in none if is_judged(one)),
@@ -336,7 +360,12 @@ def main() -> None:
     parser.add_argument("--whole", action="store_true", help="set nothing aside, for comparison")
     parser.add_argument("--seconds", type=float, default=np.inf, help="to begin no study after")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--causes", action="store_true", help="look through hidden_effects.py's")
     options = parser.parse_args()
+    if options.causes:
+        for number in range(options.first, options.first + options.studies):
+            print(json.dumps(with_causes(number)), flush=True)
+        return
     begun, known = time.perf_counter(), _known(options.record)
     how = {"search": options.search, "whole": options.whole}
     found: list[Json] = []

@@ -304,7 +304,9 @@ def base_of(fit: Fit) -> CandidateFit:
     return base_trial(fit.model, fit.laplace.mode, known)
 
 
-def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> CandidateFit:
+def base_without_chain(
+    model: JointModel, seed: np.random.SeedSequence, *, chain: bool = True
+) -> CandidateFit:
     """Fit a base model as far as its verdict needs; sample a chain only if it is used.
 
     Parameters
@@ -313,12 +315,14 @@ def base_without_chain(model: JointModel, seed: np.random.SeedSequence) -> Candi
         With its readings.
     seed : SeedSequence
         Everything random comes from it.
+    chain : bool
+        Whether to sample one where the importance sample is poor.
     """
     approximation, chains = seed.spawn(2)
     generator = np.random.default_rng(approximation)
     laplace = approximate(model, generator, start=near_films(model, generator))
     known = about_mode(model, laplace, generator)
-    if not _enough(known):
+    if chain and not _enough(known):
         known = _of_chain(known, sample(model, known, effort=EFFORTS["quick"], seed=chains))
     return base_trial(model, laplace.mode, known)
 

@@ -39,7 +39,7 @@ from bayesdeg.criticism.checks.count_misfit import (
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.misfit_columns import misfit_columns
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
-from bayesdeg.criticism.checks.shared_scatter import SharedScatter
+from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.candidates import (
     NOT_KNOWN,
@@ -49,7 +49,7 @@ from bayesdeg.criticism.decide.candidates import (
     effect_size,
 )
 from bayesdeg.criticism.decide.counted import Counted, CountedCause, judge_counts
-from bayesdeg.criticism.decide.support import Support
+from bayesdeg.criticism.decide.support import Support, support_without_rivals
 from bayesdeg.criticism.decide.verdict import (
     Decision,
     NotComputed,
@@ -364,6 +364,14 @@ OWN_EFFORTS = JUDGE_EFFORTS | {"standard": OWN_MAP}
 MOST = 4_000
 """Replicates if a p-value is near the deciding level: its Monte Carlo error is then 0.003."""
 MOST_OF_FILMS = 20_000  # they cost almost nothing
+BRIEF = SearchEffort(replicates=100, fitted=1, pairs=0, most=400)
+NOT_IN_BRIEF = (
+    OptionalStage.SETS,
+    OptionalStage.HELD_OUT,
+    OptionalStage.STRUCTURE,
+    OptionalStage.RUPTURE_COUNTS,
+)
+"""What a second verdict, made for comparison only, leaves out: most of the time of a search."""
 FEW_DRAWS = 100  # for the data compared besides the readings
 COUNT_DRAWS = 1000  # for a study's own rupture counts
 MOSTLY = 0.9  # fraction of the largest share that counts as similar
@@ -540,6 +548,53 @@ def judge(
         missing=_missing((alone, final), decision, assembly, guard, seed, executor),
         stated=stated,
         refuted=refuted,
+    )
+
+
+def judge_briefly(
+    assembly: Assembly,
+    base: CandidateFit,
+    *,
+    seed: np.random.SeedSequence,
+    executor: Executor | None = None,
+) -> Decision:
+    """Judge a base model by its misfit and the best single cause, without `NOT_IN_BRIEF`.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Candidates, and why others are none.
+    base : CandidateFit
+        The base model, calibrated.
+    seed : SeedSequence
+        Everything random comes from it.
+    executor : Executor, optional
+        For trials.
+    """
+    searching, drawing = seed.spawn(2)
+    generator = np.random.default_rng(drawing)
+    search = Search(base, assembly.candidates, BRIEF, searching, executor=executor)
+    alone = final = search.step(BASE)
+    supported: list[Support] = []
+    best = max(search.fit(BASE, search.leaders(BASE)), key=search.factor, default=BASE)
+    if best and search.passes(BASE, best):
+        final = search.step(best)
+        for cause in best:
+            one = support_without_rivals(search, best, cause, {})
+            chance = search.step(BASE).chance_of(one.log_bayes_factor)
+            supported.append(replace(one, chance=chance))
+    draws = base.draws(generator, FEW_DRAWS)
+    rupture = rupture_misfit(base.subject, draws, generator)
+    return decide(
+        alone,
+        final,
+        supported,
+        rupture=None if rupture is None or np.isnan(rupture.p_value) else rupture,
+        contradicted=conflict(base.subject, draws),
+        questioned=questioned(base.subject, draws),
+        alike=tuple(cause.name for cause in assembly.alike),
+        shared=[] if final is alone else shared_scatter(final.trial, final.simulated),
+        held_out=False,
     )
 
 

@@ -80,7 +80,7 @@ class Assembly:
     of_counts : tuple of Cause
         Causes that such counts may show.
     aside : tuple of Exclusion
-        Specimens and readings that were set aside, since they do not belong with the rest.
+        Suspects: specimens and readings that do not seem to belong with the rest.
     batches : dict of str to str
         The batch of each specimen of which one is recorded.
     study, whole : Study
@@ -101,6 +101,11 @@ class Assembly:
     study: Study = NO_STUDY
     whole: Study = NO_STUDY
     beyond: tuple[Exclusion, ...] = ()
+
+    @property
+    def sets_aside(self) -> bool:
+        """Whether the model is without some of the suspects."""
+        return any(one.is_out for one in self.aside)
 
     @cached_property
     def answers(self) -> ForwardMapEntry | None:

@@ -1,7 +1,7 @@
-"""Search of a study for mishaps before calibration, if it asks for it.
+"""Search of a study for mishaps before calibration.
 
-Suspects are set aside: calibration, verdict and predictions exclude them, and the report gives the
-outcome that includes them.
+Suspects beyond doubt are set aside, unless the study wants them kept: calibration, verdict and
+predictions exclude them, and the report gives the outcome that includes them.
 """
 
 from collections.abc import Sequence
@@ -29,31 +29,30 @@ SEED = 0  # seed of starts of the mode search, which hardly depends on them
 
 
 def assemble_screened(study: Study, forward: ForwardMap | None = None) -> Assembly:
-    """Build the base model of a study, without suspects if it asks for that.
+    """Build the base model of a study, without suspects unless it wants them kept.
 
     Parameters
     ----------
     study : Study
-        Checked data and settings; `Settings.set_aside` says whether to look it through.
+        Checked data and settings.
     forward : ForwardMap, optional
         By default the emulator that ships with the package.
 
     Returns
     -------
     Assembly
-        With what was set aside, and the study that is left.
+        With the suspects, and the study that is left.
 
     Raises
     ------
     StudyError, BayesdegError
         As of `assemble`.
     """
-    assembly = assemble_within_reach(study, forward)
-    return without_suspects(assembly, forward) if study.settings.suspects.set_aside else assembly
+    return screened(assemble_within_reach(study, forward), forward)
 
 
-def without_suspects(assembly: Assembly, forward: ForwardMap | None) -> Assembly:
-    """Return an assembly without the suspects of its study, or itself if there are none.
+def screened(assembly: Assembly, forward: ForwardMap | None) -> Assembly:
+    """Return an assembly with the suspects of its study, without those that are set aside.
 
     Parameters
     ----------
@@ -62,26 +61,26 @@ def without_suspects(assembly: Assembly, forward: ForwardMap | None) -> Assembly
     forward : ForwardMap, optional
         With which it was assembled.
     """
-    model, study = assembly.model, assembly.study
+    study, model = assembly.study, assembly.model
     if not isinstance(model.world, FilmsAndActuators) or not model.of_kind(Curvature):
         return assembly
-    whole, beyond = assembly.whole, assembly.beyond
     seen = tuple(
         Exclusion(None, FILES[fault.file], (str(fault.specimen),), ())
         for fault in in_another_unit(study)
         if fault.file in FILES
     )
-    if seen:
-        found = without_suspects(assemble(set_aside(study, seen), forward), forward)
-        return replace(found, whole=whole, aside=(*seen, *found.aside), beyond=beyond)
-    aside = asides(model, _suspects(study, model, forward))
-    if not aside:
-        return assembly
-    found = assemble(set_aside(study, aside), forward)
-    return replace(found, whole=whole, aside=aside, beyond=beyond)
+    rest = assemble(set_aside(study, seen), forward) if seen else assembly
+    aside = (*seen, *_suspects(rest.study, rest.model, forward))
+    if not study.settings.suspects.set_aside:
+        aside = tuple(replace(one, is_out=False) for one in aside)
+    if any(one.is_out for one in aside):
+        rest = assemble(set_aside(study, aside), forward)
+        return replace(rest, whole=assembly.whole, aside=aside, beyond=assembly.beyond)
+    return replace(assembly, aside=aside)
 
 
-def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tuple[Suspect, ...]:
+def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tuple[Exclusion, ...]:
+    """Return what the others contradict; out is what is beyond doubt, and no recorded batch."""
     start = near_films(model, np.random.default_rng(SEED))
     if start is None:
         return ()
@@ -94,7 +93,19 @@ def _suspects(study: Study, model: JointModel, forward: ForwardMap | None) -> tu
     for table in (study.actuator, study.tensile):
         for name, batch in recorded_batches(table).items():
             batches[batch] = (*batches.get(batch, ()), name)
-    return find_suspects(model, mode, refit, batches.values())
+    found = asides(model, find_suspects(model, mode, refit, batches.values()))
+    recorded = [set(names) for names in batches.values()]  # which a cause may explain
+    judged = [
+        replace(one, is_out=_is_out(one, model, mode) and set(one.specimens) not in recorded)
+        for one in found
+    ]
+    whole = {n for one in judged if one.is_out and not one.readings for n in one.specimens}
+    return tuple(one for one in judged if not (one.readings and whole >= set(one.specimens)))
+
+
+def _is_out(one: Exclusion, model: JointModel, mode: Floats) -> bool:
+    """Return whether an exclusion is to be made, being beyond doubt."""
+    return one.is_out and one.suspect is not None and one.suspect.is_beyond_doubt(model, mode)
 
 
 def _mode_of(

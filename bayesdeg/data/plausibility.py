@@ -1178,8 +1178,6 @@ def _pressure_ratio(one: _Curve, other: _Curve) -> float:
 
 def _copies(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt curves that equal those of a different specimen to the last digit."""
-    if not evidence.study.settings.suspects.set_aside:
-        return
     seen: dict[tuple[tuple[float, ...], ...], str] = {}
     for name, rows in evidence.actuator.groupby("specimen_id", sort=False):
         read = rows[(rows["pressure_kPa"] > 0.0) & rows["curvature_per_m"].notna()]
@@ -1193,8 +1191,6 @@ def _copies(evidence: _Evidence) -> Iterator[_Found]:
 
 def _survivors(evidence: _Evidence) -> Iterator[_Found]:
     """Doubt that all specimens of the highest degradation rate are listed, if it has fewer."""
-    if not evidence.study.settings.suspects.set_aside:
-        return
     actuator = evidence.actuator
     first = actuator.drop_duplicates("specimen_id")
     rate = first["degradation_pct"].to_numpy(np.float64)

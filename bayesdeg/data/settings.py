@@ -598,11 +598,11 @@ class SuspectOptions:
     Parameters
     ----------
     set_aside : bool
-        Whether to look for specimens and readings that the others contradict, and to calibrate
-        and judge without them.
+        Whether to calibrate and judge without specimens and readings that the others contradict
+        beyond doubt. They are looked for in any case.
     """
 
-    set_aside: Flag = _key(False, _FLAG)
+    set_aside: Flag = _key(True, _FLAG)
 
 
 @dataclass(frozen=True, config=_TABLE)

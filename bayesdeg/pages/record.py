@@ -127,6 +127,9 @@ class OutcomeEntry(Record):
     outcome: Outcome = Field(description="as above")
     causes: Names = entry("as above", ())
     one_of: tuple[Names, ...] = entry("as above", ())
+    without: Names = entry(
+        "parts of a verdict that this one leaves out to save time", (), omitted=not_
+    )
 
 
 class LeftOutEntry(Record):
@@ -273,7 +276,7 @@ class VerdictRecord(FileRecord):
         "calibrations that missed the criteria of their effort, each with its diagnostics", ()
     )
     with_suspects: OutcomeEntry | None = entry(
-        "outcome of the study with nothing set aside, at quick effort; absent if nothing was",
+        "outcome of the study with nothing set aside, judged briefly; absent if nothing was",
         omitted=is_absent,
     )
     forward_map: ForwardMapEntry | None = entry(

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from bayesdeg.analysis.calibrate import Fit
 from bayesdeg.analysis.checks import Checks
 from bayesdeg.analysis.films import CourseFit, Films
-from bayesdeg.analysis.judge import Description, Judgement, not_converged, readings_misfit
+from bayesdeg.analysis.judge import (
+    NOT_IN_BRIEF,
+    Description,
+    Judgement,
+    not_converged,
+    readings_misfit,
+)
 from bayesdeg.assembly.aside import FILES, Exclusion, unused_rows
 from bayesdeg.assembly.assemble import Assembly
 from bayesdeg.assembly.outline import outline
@@ -446,9 +452,14 @@ def in_doubt(results: Results, found: Sequence[Doubt] | None = None) -> InDoubt:
         ),
         suspects=suspects_of(results, found),
         parameters_in_question=tuple(_off_priors(results)),
-        with_suspects=None if decided_with is None else OutcomeEntry.of(decided_with),
+        with_suspects=None if decided_with is None else _brief(decided_with),
         forward_map=forward_map_of(results),
     )
+
+
+def _brief(decided: Decision) -> OutcomeEntry:
+    """Return the entry of a verdict that was made briefly."""
+    return OutcomeEntry.of(decided).model_copy(update={"without": tuple(map(str, NOT_IN_BRIEF))})
 
 
 def forward_map_of(results: Results) -> ForwardMapEntry | None:
@@ -470,7 +481,8 @@ def suspects_of(results: Results, found: Sequence[Doubt] | None = None) -> tuple
         known = isinstance(assembly.model.world, FilmsAndActuators)
         found = doubts(whole, outline(whole).expected) if known else ()
     odd = [_odd(one, results, whole) for one in assembly.aside if one.suspect is not None]
-    out = {(one.table, n) for one in assembly.aside if one.suspect is None for n in one.specimens}
+    seen = (one for one in assembly.aside if one.is_out and one.suspect is None)
+    out = {(one.table, name) for one in seen for name in one.specimens}
     beyond = [
         SuspectEntry(
             file=f"{one.table}.csv",
@@ -546,10 +558,12 @@ def _exchanged_with(one: Exclusion, results: Results, whole: Study) -> str:
         first, second = np.log(model.world.constants(values, ends)[0, :, 0])
         assert one.suspect is not None
         assert other.suspect is not None
-        off = max(
-            abs(one.suspect.size - (second - first)), abs(other.suspect.size + (second - first))
-        )
-        if off <= ALIKE * abs(second - first):
+        # the softer one deviates by more than its stiffness, since its curve steepens
+        stiffer, softer = sorted([one.suspect.size, other.suspect.size], reverse=True)
+        expected = abs(second - first)
+        exchanged = (one.suspect.size > other.suspect.size) == (second > first)
+        off = max(abs(stiffer - expected), expected + softer)
+        if exchanged and off <= ALIKE * expected:
             return other.specimens[0]
     return ""
 

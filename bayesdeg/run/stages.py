@@ -23,18 +23,18 @@ from bayesdeg.analysis.calibrate import Fit, awake, base_without_chain, calibrat
 from bayesdeg.analysis.checks import check
 from bayesdeg.analysis.judge import (
     COUNT_DRAWS,
-    JUDGE_EFFORTS,
     Judgement,
     count_misfits,
     extended_model,
     judge,
+    judge_briefly,
     with_sampled_sizes,
 )
 from bayesdeg.analysis.model_kind import kind_of, kind_of_study
 from bayesdeg.assembly.aside import set_aside
 from bayesdeg.assembly.assemble import Assembly, assemble
 from bayesdeg.assembly.reach import assemble_within_reach
-from bayesdeg.assembly.suspects import without_suspects
+from bayesdeg.assembly.suspects import screened
 from bayesdeg.criticism.checks.residuals import predict_readings
 from bayesdeg.criticism.decide.verdict import Decision
 from bayesdeg.data.settings import SamplingOptions
@@ -150,10 +150,9 @@ def run_study(
     seeds = Streams.of(study.settings.seed)
     with clock.stage("read"):
         assembly = assemble_within_reach(study, forward)
-    if study.settings.suspects.set_aside:
-        with clock.stage("suspects"):
-            progress.stage(OptionalStage.SUSPECTS)
-            assembly = _without_suspects(assembly, forward, guard)
+    with clock.stage("suspects"):
+        progress.stage(OptionalStage.SUSPECTS)
+        assembly = _screened(assembly, forward, guard)
     study = assembly.study
     fit = partial(
         calibrate,
@@ -173,7 +172,7 @@ def run_study(
         with clock.stage("extended"):
             results = _extend(replace(results, judgement=judgement), fit, seeds.final, guard)
             results = with_average(results, seeds.averaged, guard)
-        if assembly.aside:
+        if assembly.sets_aside:
             with clock.stage("verdict with suspects"):
                 results = judged_with_suspects(results, forward, seeds.suspects, executor, guard)
     if results.judgement is None:
@@ -183,11 +182,10 @@ def run_study(
     )
 
 
-def _without_suspects(assembly: Assembly, forward: Surrogate | None, guard: Guard) -> Assembly:
-    """Return a study's models without outlying readings."""
+def _screened(assembly: Assembly, forward: Surrogate | None, guard: Guard) -> Assembly:
+    """Return a study's models with its outlying readings, set aside if beyond doubt."""
     with threadpool_limits(limits=1):
-        stage = OptionalStage.SUSPECTS
-        return guard.attempt(stage, without_suspects, assembly, forward) or assembly
+        return guard.attempt(OptionalStage.SUSPECTS, screened, assembly, forward) or assembly
 
 
 def verdict_on(
@@ -210,7 +208,7 @@ def verdict_on(
     results = Results(assembly, base, base, judgement)
     if judgement is None:
         results = with_counts(results, streams.verdict, guard)
-    elif assembly.aside:
+    elif assembly.sets_aside:
         emulator = mechanics_of(assembly.model.world.forward)
         forward = emulator if isinstance(emulator, Surrogate) else None
         results = judged_with_suspects(results, forward, streams.suspects, executor, guard)
@@ -255,7 +253,7 @@ def judged_with_suspects(
     executor: Executor | None,
     guard: Guard,
 ) -> Results:
-    """Judge the study with all that curves reach, at quick effort."""
+    """Judge the study with all that curves reach, briefly."""
     if results.judgement is None:
         return results
     work = partial(_decision_of, results.assembly, forward, seed, executor)
@@ -272,9 +270,8 @@ def _decision_of(
     fitting, judging = seed.spawn(2)
     with threadpool_limits(limits=1):
         assembly = assemble(set_aside(left.whole, left.beyond), forward)
-        base = base_without_chain(assembly.model, fitting)
-        effort = JUDGE_EFFORTS["quick"]
-        return judge(assembly, base, effort=effort, seed=judging, executor=executor).decision
+        base = base_without_chain(assembly.model, fitting, chain=False)
+        return judge_briefly(assembly, base, seed=judging, executor=executor)
 
 
 def conclude(

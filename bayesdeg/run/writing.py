@@ -894,8 +894,6 @@ def _pushes(judgement: Judgement) -> pd.DataFrame | None:
 
 def _suspects_table(found: TableSources) -> pd.DataFrame | None:
     """Return outlying data of the study, and data that are unlikely by their columns."""
-    if not (found.study.settings.suspects.set_aside or found.results.assembly.beyond):
-        return None
     rows = [
         {
             "file": one.file,
@@ -1019,11 +1017,12 @@ def _term_readings(judgement: Judgement) -> pd.DataFrame | None:
 def _set_aside_table(found: TableSources) -> pd.DataFrame | None:
     """Return curvatures at the degradation rates of suspects, marking those set aside."""
     assembly = found.results.assembly
-    whole, aside = assembly.whole, (*assembly.aside, *assembly.beyond)
-    if whole.actuator is None or not any(a.table == "actuator" for a in aside):
+    whole = assembly.whole
+    aside = [one for one in (*assembly.aside, *assembly.beyond) if one.is_out]
+    if whole.actuator is None or not any(one.table == "actuator" for one in aside):
         return None
     table = whole.actuator[whole.actuator["curvature_per_m"].notna()].reset_index(drop=True)
-    out = is_set_aside(table, [one for one in aside if one.table == "actuator" and one.is_out])
+    out = is_set_aside(table, [one for one in aside if one.table == "actuator"])
     member = levels(table["degradation_pct"].to_numpy(np.float64))[1]
     shown = table[["specimen_id", "degradation_pct", "pressure_kPa", "curvature_per_m"]].assign(
         set_aside=out.astype(int)

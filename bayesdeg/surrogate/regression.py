@@ -182,11 +182,11 @@ def observe(
     keep &= np.interp(samples.loads[1:], solved, bends) == 1.0  # it bends at both ends of a step
     if np.count_nonzero(keep) < 2:
         return None
-    quantities, slopes = quantities(samples, length)
+    sizes, slopes = quantities(samples, length)
     rest = stretch_offset(groups.T)
     denominators = np.column_stack([q, q, *(q + rest for _ in (PEAK, *MEASURES)), q])
-    changes, by_inputs = quantities[1:].copy(), slopes[1:].copy()
-    changes[:, COUNTED] -= quantities[0, COUNTED]
+    changes, by_inputs = sizes[1:].copy(), slopes[1:].copy()
+    changes[:, COUNTED] -= sizes[0, COUNTED]
     by_inputs[:, COUNTED, 1:] -= slopes[0, COUNTED, 1:]
     with np.errstate(invalid="ignore", divide="ignore"):
         by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)

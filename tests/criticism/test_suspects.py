@@ -8,12 +8,15 @@ from scipy.stats import ttest_ind
 
 from bayesdeg.criticism.checks import suspects
 from bayesdeg.criticism.checks.suspects import (
+    BEYOND_DOUBT,
     FACTORS,
+    LEAST_CHANGE,
     LEVEL,
     SHARES,
     Anomaly,
     Irregularity,
     ReadingParts,
+    Suspect,
     film_density,
     find_suspects,
     hypotheses,
@@ -24,7 +27,7 @@ from bayesdeg.criticism.checks.suspects import (
     t_between,
 )
 from bayesdeg.inference.laplace import find_mode
-from bayesdeg.observations.curvature import Curvature
+from bayesdeg.observations.curvature import CURVATURE, Curvature
 from bayesdeg.observations.rupture import data_of_actuators
 from bayesdeg.observations.tensile import Tensile
 from tests.criticism.linear_case import tight_model
@@ -244,7 +247,44 @@ def test_every_reading_is_of_a_picture_of_its_specimen(study):
         assert set(places.specimen[one.rows]) == set(one.specimens)
         assert len(set(places.along[one.rows])) == 1
     names = {one.specimens for one in known if one.oddity is Anomaly.BATCH}
-    assert len(names) == 6
+    # the lowest and the highest rate are extrapolated to, where a cause may act alone
+    assert names == {tuple(f"A{rate:02d}-{k}" for k in range(3)) for rate in (5, 10, 15, 20)}
+    assert any(
+        one.specimens == ("A00-0", "A00-1", "A00-2")
+        for one in hypotheses(model, mode, [("A00-0", "A00-1", "A00-2")])
+    )
+
+
+@pytest.mark.parametrize(
+    ("p_value", "size", "expected"),
+    [
+        (0.9 * BEYOND_DOUBT, 0.5, True),
+        (1.1 * BEYOND_DOUBT, 0.5, False),  # one sound study in a thousand would lose data
+        (1e-9, 0.9 * LEAST_CHANGE, False),  # sure, but within what a model may err by
+        (1e-9, 1.1 * LEAST_CHANGE, True),
+    ],
+)
+def test_what_is_beyond_doubt_is_neither_chance_nor_small(study, p_value, size, expected):
+    model, _ = study
+    rows = (model.places.specimen == "A10-1") & (model.places.kind == CURVATURE)
+    # a jump by a share of the largest reading
+    change = np.where(rows, model.observed[rows].max(), 0.0)
+    way = Irregularity(Anomaly.JUMP, ("A10-1",), "", rows, change)
+    assert Suspect(way, size, 6.0, p_value).is_beyond_doubt(model, study[1]) is expected
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.0, False), (1.2, False), (1.9, True)])
+def test_a_specimen_is_set_aside_only_if_it_differs_from_its_replicates(study, factor, expected):
+    """A05-0 and A05-1 differ by a third, as where a cause makes a rate scatter."""
+    model, mode = study
+    data = model.data_of(Curvature).tests
+    readings = data.readings.copy()
+    readings[data.specimens.index("A05-1")] *= 1.35
+    readings[data.specimens.index("A05-2")] *= 1.35 * factor
+    wrong = model.with_observations(*data_of_actuators(data.with_readings(readings), model.base))
+    rows = wrong.places.specimen == "A05-2"
+    way = Irregularity(Anomaly.RESPONSE, ("A05-2",), "", rows, np.where(rows, wrong.observed, 0.0))
+    assert Suspect(way, 0.5, 9.0, 1e-9).is_beyond_doubt(wrong, mode) is expected
 
 
 @pytest.mark.parametrize("factor", [0.6, 1.6])

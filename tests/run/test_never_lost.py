@@ -356,9 +356,9 @@ class Judged:
 def test_the_search_for_suspects_and_the_verdict_with_them_may_break(monkeypatch):
     monkeypatch.setenv(STRICT, "0")
     fault, guard, found = raising(RuntimeError("broken on purpose")), Guard(), Judged("a verdict")
-    monkeypatch.setattr(run, "without_suspects", fault)
+    monkeypatch.setattr(run, "screened", fault)
     monkeypatch.setattr(run, "_decision_of", fault)
-    assert run._without_suspects(found, None, guard) is found
+    assert run._screened(found, None, guard) is found
     assert run.judged_with_suspects(found, None, None, None, guard) == found
     stages = [one.stage for one in guard.left_out]
     assert stages == [OptionalStage.SUSPECTS, OptionalStage.WITH_SUSPECTS]

@@ -14,7 +14,6 @@ from bayesdeg.assembly.aside import is_set_aside, set_aside, unused_rows
 from bayesdeg.assembly.assemble import assemble
 from bayesdeg.assembly.reach import assemble_within_reach
 from bayesdeg.assembly.suspects import assemble_screened
-from bayesdeg.data.settings import SuspectOptions
 from bayesdeg.data.study import Why, read_study
 from bayesdeg.inference.model import least_squares
 from bayesdeg.pages.tables import SET_ASIDE, SUSPECTS
@@ -130,8 +129,7 @@ def test_a_specimen_in_another_unit_is_not_told_to_balloon(study):
 def test_suspects_are_looked_for_among_the_rest(ballooning):
     table = ballooning.actuator.copy()
     table.loc[table["specimen_id"] == "A10-2", READ] *= 0.5
-    asked = replace(ballooning.settings, suspects=SuspectOptions(set_aside=True))
-    spoilt = replace(ballooning, actuator=table, settings=asked)
+    spoilt = replace(ballooning, actuator=table)
     assembly = assemble_screened(spoilt)
     assert [one.specimens for one in assembly.aside] == [("A10-2",)]
     assert [one.specimens for one in assembly.beyond] == [FRESH]

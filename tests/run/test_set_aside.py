@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayesdeg.assembly import suspects as screening
 from bayesdeg.assembly.aside import Exclusion, is_set_aside, set_aside
 from bayesdeg.assembly.assemble import Assembly
 from bayesdeg.assembly.suspects import assemble_screened
@@ -30,13 +29,13 @@ STUDY = Path(__file__).resolve().parents[2] / "studies" / "gelatin_actuator"
 READ = ["curvature_per_m", "bend_angle_deg"]
 
 
-def asked(study, *, set_aside=True):
-    return replace(study, settings=replace(study.settings, suspects=SuspectOptions(set_aside)))
+def keeping_all(study):
+    return replace(study, settings=replace(study.settings, suspects=SuspectOptions(False)))
 
 
 @pytest.fixture(scope="module")
 def study():
-    return asked(read_study(STUDY))
+    return read_study(STUDY)
 
 
 def spoilt(study, specimen, change):
@@ -56,28 +55,50 @@ def in_millibar(rows):
     return rows
 
 
-def test_nobody_is_looked_for_unless_the_study_says_so(study, monkeypatch):
-    def looked(*_):
-        raise AssertionError
-
-    monkeypatch.setattr(screening, "without_suspects", looked)
-    wrong = asked(spoilt(study, "A10-2", halved), set_aside=False)
-    assert not read_study(STUDY).settings.suspects.set_aside
+@pytest.mark.slow
+def test_a_study_that_keeps_its_suspects_still_learns_of_them(study):
+    wrong = keeping_all(spoilt(study, "A10-2", halved))
     assembly = assemble_screened(wrong)
-    assert assembly.aside == ()
+    [one] = assembly.aside
+    assert (one.specimens, one.is_out) == (("A10-2",), False)
+    assert not assembly.sets_aside
     assert assembly.study is assembly.whole is wrong
     assert "A10-2" in assembly.model.data_of(Curvature).tests.specimens
+    [entry] = suspects_of(SimpleNamespace(assembly=assembly, final=None))
+    assert (entry.specimen, entry.set_aside) == ("A10-2", False)
 
 
-def test_no_table_of_suspects_is_written_unless_the_study_says_so(study):
+def test_suspects_are_in_the_table_whether_they_are_set_aside_or_not(study):
     millibar = spoilt(study, "A10-2", in_millibar)
     model = SimpleNamespace(world=object.__new__(FilmsAndActuators))
-    results = SimpleNamespace(assembly=Assembly(model, (), {}, {}, study=millibar, whole=millibar))
-    found = SimpleNamespace(study=millibar, results=results)
-    build = BUILDS[SUSPECTS]
-    assert build(found)["set_aside"].tolist() == [0]
-    found.study = asked(millibar, set_aside=False)
-    assert build(found) is None
+    for wrong in (millibar, keeping_all(millibar)):
+        results = SimpleNamespace(assembly=Assembly(model, (), {}, {}, study=wrong, whole=wrong))
+        found = SimpleNamespace(study=wrong, results=results)
+        assert BUILDS[SUSPECTS](found)["set_aside"].tolist() == [0]
+
+
+CASES = Path(__file__).resolve().parent / "mishaps"
+"""Studies of another finite element code in which nothing is hidden but a mishap.
+
+In ``exchanged_labels`` A05b and A20b carry each other's degradation rate, in
+``one_leaking_specimen`` A00b had half of the pressure that was read.
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "specimens"),
+    [("exchanged_labels", {"A05b", "A20b"}), ("one_leaking_specimen", {"A00b"})],
+)
+def test_mishaps_are_set_aside_without_being_asked_for(case, specimens):
+    assembly = assemble_screened(read_study(CASES / case))
+    assert {name for one in assembly.aside for name in one.specimens} == specimens
+    assert all(one.is_out for one in assembly.aside)
+    left = assembly.model.data_of(Curvature).tests.specimens
+    assert not specimens & set(left)
+    if case == "one_leaking_specimen":
+        share = float(np.exp(-assembly.aside[0].suspect.size))
+        assert share == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.slow
@@ -168,8 +189,11 @@ def test_the_reader_learns_what_the_verdict_would_be_with_them():
     assert first == "odd"
     assert "erosion" in second
     alike = {"outcome": "adequate", "suspects": [entry.document()]}
-    same = VerdictRecord.read(alike | {"with_suspects": {"outcome": "adequate"}})
+    brief = {"outcome": "adequate", "without": ["held-out specimens"]}
+    same = VerdictRecord.read(alike | {"with_suspects": brief})
     assert "same" in doubts_of(same)[1]
+    assert "without held-out specimens" in doubts_of(same)[1]
+    assert "without" not in second
 
 
 def test_python_judges_with_all_that_was_set_aside_too(study, monkeypatch):

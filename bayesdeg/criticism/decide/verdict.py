@@ -247,6 +247,7 @@ def decide(
     untested: Sequence[NotComputed] = (),
     structure: MissingTerms | None = None,
     stated: StatedSets | None = None,
+    held_out: bool = True,
 ) -> Decision:
     """Return the outcome.
 
@@ -288,6 +289,8 @@ def decide(
     stated : StatedSets, optional
         Which sets of causes of the readings may be right; by default each cause is held against its
         own rivals alone.
+    held_out : bool
+        Whether specimens were to be held out; if not, causes need no confirmation by them.
     """
     unknown_scatter = (NotTested(one.cause) for one in shared if not one.is_tested)
     missed: list[Reason] = [*untested, *unknown_scatter]
@@ -300,14 +303,15 @@ def decide(
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model with overestimated errors shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
+    confirming = supported if held_out else []
     by_level, structured = against_scatter(shared), against_structure(structure)
     against = [*against_misfit(base, final), *structured] if of_readings else []
     off = off or bool(by_level) or (of_readings and bool(structured))
-    reasons = [*against_held_out(supported), *against_sizes(supported), *by_level, *against]
+    reasons = [*against_held_out(confirming), *against_sizes(supported), *by_level, *against]
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
-        unknown = [] if off else _unknown(base, supported)
+        unknown = [] if off else _unknown(base, confirming)
         if unknown:
             both = dict.fromkeys([*reasons, *unknown])
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
