@@ -352,10 +352,26 @@ class Search:
         return np.random.SeedSequence(self.seed.entropy, spawn_key=(*self.seed.spawn_key, *key))
 
 
+ENOUGH, ROUNDS = 0.5, 12
+"""Share of the data sets asked for that must be complete, and at most so many times as many drawn:
+near ballooning nine of ten were lost."""
+
+
 def _simulated(trial: CandidateFit, generator: np.random.Generator, count: int) -> Floats:
-    """Return data sets simulated from a fitted model, (count, n_readings)."""
-    draws = _as_refitted(trial.linear, trial.draws(generator, count))
-    return trial.linear.straightened(draws, trial.subject.simulated(draws, generator))
+    """Return data sets simulated from a fitted model, at least (count, n_readings).
+
+    Where its draws leave the range of the forward map, in which the real specimens were, others
+    take their place, until `ENOUGH` of the count are complete.
+    """
+    found, complete = list[Floats](), 0
+    for _ in range(ROUNDS):
+        draws = _as_refitted(trial.linear, trial.draws(generator, count))
+        simulated = trial.subject.simulated(draws, generator)
+        found.append(trial.linear.straightened(draws, simulated))
+        complete += len(complete_sets(found[-1]))
+        if complete >= ENOUGH * count:
+            break
+    return np.concatenate(found)
 
 
 def _as_refitted(linear: Linear, draws: Floats) -> Floats:
