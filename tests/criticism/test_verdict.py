@@ -191,6 +191,8 @@ def test_a_cause_with_nothing_to_hold_out_leaves_only_a_misfit_to_be_judged(p_va
     found = outcome_of(single, base=step(p_value=p_value))
     assert (found.outcome, found.causes) == (outcome, ())
     assert found.reasons == (NothingHeldOut(),)
+    brief = outcome_of(single, base=step(p_value=p_value), held_out=False)
+    assert (brief.outcome, brief.causes, brief.reasons) == (Outcome.NAMED, ("creep",), ())
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from bayesdeg.analysis.judge import (
     extended_model,
     extension,
     judge,
+    judge_briefly,
     label,
     readings_misfit,
     with_sampled_sizes,
@@ -120,6 +121,24 @@ def test_a_planted_offset_is_named_with_its_size(shifted):
     assert abs(size.mean) == pytest.approx(12.0, abs=4.0 * size.sd)
     assert best.log_bayes_factor > judgement.threshold
     assert best.elpd_diff > best.elpd_diff_se
+
+
+@pytest.mark.parametrize(
+    ("effect", "outcome", "causes"),
+    [
+        ({"pressure_offset.offset": 12.0}, Outcome.NAMED, ("pressure_offset",)),
+        ({}, Outcome.ADEQUATE, ()),
+    ],
+)
+def test_a_brief_verdict_holds_nothing_out(effect, outcome, causes, monkeypatch):
+    def held_out(*_args, **_options):
+        raise AssertionError
+
+    monkeypatch.setattr(judging, "held_out_and_all", held_out)
+    base = base_of(fit_of(model_with(**effect)))
+    assembly = Assembly(base.subject, CAUSES, UNJUDGED, ())
+    found = judge_briefly(assembly, base, seed=np.random.SeedSequence(5))
+    assert (found.outcome, found.causes) == (outcome, causes)
 
 
 def test_candidates_that_could_not_be_judged_come_last_with_the_reason(shifted):

@@ -162,8 +162,8 @@ def cheap(tmp_path_factory):
         patch.setenv(STRICT, "0")
         patch.setattr(command, "emulator_for", lambda *_args, **_options: emulator())
         short = replace(run.EFFORTS["quick"], effective=1.0, r_hat=9.0, longest=60, chunk=30)
+        patch.setattr(model_kind, "JUDGE_EFFORTS", {"quick": EFFORT})
         for module in (run, model_kind):
-            patch.setattr(module, "JUDGE_EFFORTS", {"quick": EFFORT})
             patch.setattr(module, "EFFORTS", {"quick": short})
         patch.setattr(Tensile, "beside", False)
         patch.setattr(Means, "beside", False)

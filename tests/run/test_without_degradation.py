@@ -150,8 +150,8 @@ def finished(tmp_path_factory):
     words = ["bayesdeg", "run", str(folder), "--out", str(out / "run"), "--workers", "1"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "emulator_for", lambda *_args, **_options: emulator())
+        patch.setattr(model_kind, "JUDGE_EFFORTS", {"quick": EFFORT})
         for module in (run, model_kind):
-            patch.setattr(module, "JUDGE_EFFORTS", {"quick": EFFORT})
             patch.setattr(module, "EFFORTS", {"quick": short})
         patch.setattr(writing, "write_deformed", coarse)
         patch.setattr(sys, "argv", words)
