@@ -135,7 +135,7 @@ def test_a_brief_verdict_holds_nothing_out(effect, outcome, causes, monkeypatch)
     def held_out(*_args, **_options):
         raise AssertionError
 
-    monkeypatch.setattr(judging, "held_out_and_all", held_out)
+    monkeypatch.setattr(hearing, "held_out_and_all", held_out)
     base = base_of(fit_of(model_with(**effect)))
     assembly = Assembly(base.subject, CAUSES, UNJUDGED, ())
     found = judge_briefly(assembly, base, seed=np.random.SeedSequence(5))
