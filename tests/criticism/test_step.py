@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayesdeg.criticism.checks.discrepancy import complete_sets
+from bayesdeg.criticism.fit import search as searching
 from bayesdeg.criticism.fit.screening import Screened
 from bayesdeg.criticism.fit.search import (
     CLOSE,
@@ -139,3 +141,23 @@ def test_where_the_leader_keeps_what_screening_promised_nothing_more_is_fitted()
         step_of(promised(wave=12.0, lag=3.0)), fitted=1, observed=straight.readings(1, wave=0.15)
     )
     assert search.fit_leaders(BASE) == [frozenset({"wave"})]
+
+
+@pytest.mark.parametrize(("kept", "least"), [(1.0, 40), (0.1, 20), (0.0, 0)])
+def test_data_sets_that_leave_the_range_are_drawn_anew(kept, least, monkeypatch):
+    """As near ballooning, where nine of ten were lost and nothing could be judged."""
+
+    def simulated(draws, generator):
+        lost = generator.random(len(draws)) >= kept
+        return np.where(lost[:, None], np.nan, draws)
+
+    monkeypatch.setattr(searching, "_as_refitted", lambda linear, draws: draws)
+    trial = SimpleNamespace(
+        linear=SimpleNamespace(straightened=lambda draws, found: found),
+        subject=SimpleNamespace(simulated=simulated),
+        draws=lambda generator, count: generator.standard_normal((count, 3)),
+    )
+    found = searching._simulated(trial, np.random.default_rng(4), 40)
+    assert len(complete_sets(found)) >= least
+    assert len(found) <= searching.ROUNDS * 40
+    assert len(found) == 40 or kept < 1.0
