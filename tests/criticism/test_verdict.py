@@ -99,6 +99,15 @@ def test_a_cause_for_which_everything_speaks_is_named():
     assert outcome_of(support()) == Decision(Outcome.NAMED, ("creep",))
 
 
+def test_a_cause_is_not_named_where_the_base_model_stands_on_the_edge_of_its_range():
+    lost = replace(misfit(float("nan"), 41.0), lost=0.98, drawn=2400)
+    found = outcome_of(support(), base=replace(step(), misfit=lost))
+    assert (found.outcome, found.causes) == (Outcome.NOT_JUDGED, ())
+    assert isinstance(found.reasons[0], Uncalibrated)
+    inside = replace(step(), misfit=replace(lost, lost=0.0))
+    assert outcome_of(support(), base=inside).outcome is Outcome.NAMED
+
+
 def test_causes_that_act_together_are_named_together():
     together = outcome_of(support(), support("erosion"))
     assert together == Decision(Outcome.NAMED, ("creep", "erosion"))

@@ -118,6 +118,11 @@ class ImplausibleSize:
     beside: bool = False
 
 
+ON_EDGE = 0.5
+"""Share of simulated data sets beyond the range of the forward map above which a model without a
+known p-value stands on its edge: there causes were named that only keep curves within it."""
+
+
 @dataclass(frozen=True)
 class UnheardOfSize:
     """The readings need a size of the cause that its prior excludes, whatever the evidence."""
@@ -317,6 +322,8 @@ def decide(
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
+    if of_readings and base.misfit.lost > ON_EDGE and not base.misfit.is_calibrated:
+        return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(_unknown(base, confirming)))
     # the named causes, which are in every possible set, and lists of which one acts
     apart = [one for one in supported if stated is None or one.cause not in stated.favoured]
     lists = [(one.cause, *one.inseparable) for one in apart]
