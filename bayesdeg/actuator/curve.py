@@ -365,7 +365,8 @@ class Actuator:
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives at its equilibria.
 
-        In between, at the curve's loads, there are readings without derivatives. All derivatives
+        In between, at the curve's loads, there are readings without derivatives, unless the path
+        goes through its limit point (``effort.beyond``). All derivatives
         less than double the cost of a curve. They serve for training, so those of quantiles are
         smoothed: exact ones jump from load to load. Of derivatives by the shape, the part due to
         the body's motion is smooth, that due to the moved mesh is not. For a held tip only the

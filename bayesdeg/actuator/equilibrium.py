@@ -276,8 +276,8 @@ class Limit:
     Parameters
     ----------
     status : Status
-        LIMIT_POINT, BUCKLED, EFFORT_EXHAUSTED or TIMED_OUT; CONVERGED at the last load asked
-        for.
+        LIMIT_POINT, BUCKLED, EFFORT_EXHAUSTED or TIMED_OUT; CONVERGED at the highest load
+        of interest.
     load : float
         Largest load; inf if not found [–].
     factorizations : int

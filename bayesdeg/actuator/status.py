@@ -77,7 +77,8 @@ class PathEffort:
     steps : int
         Minimum number of steps up to the last load.
     beyond : float
-        Share by which the cavity volume grows beyond that of a limit point; 0 ends there [–].
+        Share by which the cavity volume grows beyond that of a limit point [–]. Above 0 the path is
+        followed by its volume from rest, for ``Actuator.sample``: there are no readings at loads.
     exact : bool
         Whether to find an equilibrium at every requested load; otherwise the path is interpolated
         between its steps, with an error below the tolerance.

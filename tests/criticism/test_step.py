@@ -144,7 +144,7 @@ def test_where_the_leader_keeps_what_screening_promised_nothing_more_is_fitted()
 
 
 @pytest.mark.parametrize(("kept", "least"), [(1.0, 40), (0.1, 20), (0.0, 0)])
-def test_data_sets_that_leave_the_range_are_drawn_anew(kept, least, monkeypatch):
+def test_data_sets_outside_the_range_are_redrawn(kept, least, monkeypatch):
     """As near ballooning, where nine of ten were lost and nothing could be judged."""
 
     def simulated(draws, generator):

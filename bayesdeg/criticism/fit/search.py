@@ -361,15 +361,15 @@ def _simulated(trial: CandidateFit, generator: np.random.Generator, count: int) 
     """Return data sets simulated from a fitted model, at least (count, n_readings).
 
     Where its draws leave the range of the forward map, in which the real specimens were, others
-    take their place, until `ENOUGH` of the count are complete.
+    take their place, until `ENOUGH` of the count are complete or clearly will not be.
     """
     found, complete = list[Floats](), 0
-    for _ in range(ROUNDS):
+    for done in range(1, ROUNDS + 1):
         draws = _as_refitted(trial.linear, trial.draws(generator, count))
         simulated = trial.subject.simulated(draws, generator)
         found.append(trial.linear.straightened(draws, simulated))
         complete += len(complete_sets(found[-1]))
-        if complete >= ENOUGH * count:
+        if complete >= ENOUGH * count or complete * ROUNDS < ENOUGH * count * done:
             break
     return np.concatenate(found)
 
