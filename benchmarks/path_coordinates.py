@@ -379,6 +379,13 @@ def reported(paths: Sequence[Seen], of_load: list[Floats], of_kappa: list[Floats
     return found
 
 
+def before_limit(path: Solved) -> int:
+    """Return how many equilibria of a path come before `TO` of its limit, without that at rest."""
+    load = path.samples.loads[1:]
+    rising = np.arange(len(load)) <= np.argmax(load)
+    return int(np.sum(rising & (load < TO * path.samples.limit_load)))
+
+
 def measured(way: Way, paths: Sequence[Solved]) -> tuple[Summary, list[Seen]]:
     """Return the errors of a way on the coarse mesh."""
     known = [one for path in paths if not path.is_fine and (one := seen(path, way)) is not None]
@@ -418,8 +425,7 @@ def main() -> None:
     if options.solve is not None:
         write(list(solve()), options.solve)
     paths = read(options.solve or PATHS)
-    coarse = [one for p in paths if not p.is_fine and (one := seen(p, CHOSEN)) is not None]
-    whole = sum(int(one.is_before_limit.sum()) for one in coarse)
+    whole = sum(before_limit(one) for one in paths if not one.is_fine)
     document: dict[str, object] = {}
     for way in WAYS:
         errors, known = measured(way, paths)

@@ -12,12 +12,11 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.analysis.between_terms import term_trials
 from bayesdeg.analysis.calibrate import Fit, base_without_chain
 from bayesdeg.analysis.designs import candidate_experiments
-from bayesdeg.analysis.hearing import (
+from bayesdeg.analysis.refuting import (
     BASE,
     REFUTING,
-    Favoured,
-    Hearing,
     Refuted,
+    RefutingTests,
     label,
     terms_of,
     why_refuted,
@@ -473,7 +472,7 @@ def judge(
         rupture = None
     contradicted = guard.attempt(OptionalStage.CONFLICT, conflict, base.subject, draws)
     off_prior = guard.attempt(OptionalStage.CONFLICT, questioned, base.subject, draws) or ()
-    best, refuted = Hearing(search, assembly, folding, progress, guard).best(favoured)
+    best, refuted = RefutingTests(search, assembly, folding, progress, guard).best(favoured)
     chosen, final, structure, shared = best.names, best.final, best.structure, best.shared
     supported, stated = best.supported, best.stated
     if chosen != favoured:
@@ -686,7 +685,7 @@ def _described(step: Step, assembly: Assembly) -> Description:
 def _next(
     search: Search,
     decision: Decision,
-    favoured: Favoured,
+    favoured: tuple[list[Support], StatedSets | None],
     assembly: Assembly,
     generator: np.random.Generator,
 ) -> tuple[ExperimentEntry, ...]:

@@ -19,11 +19,11 @@ from bayesdeg.criticism.decide import support as supporting
 from bayesdeg.criticism.decide import verdict as deciding
 from bayesdeg.criticism.decide.support import (
     CLOSE_CALL,
+    EXCLUDED,
     IMPLAUSIBLE,
     INSEPARABLE,
     MODERATE,
     TWINS_APART,
-    UNHEARD_OF,
     Support,
     least_tail,
     prior_tail,
@@ -632,7 +632,7 @@ def test_a_pace_that_a_cause_does_not_have_is_not_heard_of_either(seconds, is_he
         posterior=SimpleNamespace(effective=100.0),
         draws=lambda generator, count: draws,
     )
-    assert (least_tail(trial, CREEP) >= UNHEARD_OF) is is_heard_of
+    assert (least_tail(trial, CREEP) >= EXCLUDED) is is_heard_of
 
 
 # ---- what could not be set against chance

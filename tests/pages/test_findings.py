@@ -31,6 +31,7 @@ from bayesdeg.criticism.checks.residuals import (
 from bayesdeg.criticism.decide.counted import Counted, CountedCause
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import (
+    ExcludedSize,
     ImplausibleSize,
     LittlePower,
     MisfitRemains,
@@ -45,7 +46,6 @@ from bayesdeg.criticism.decide.verdict import (
     TooLittleEvidence,
     TooLittleExplained,
     Uncalibrated,
-    UnheardOfSize,
 )
 from bayesdeg.criticism.experiments.ranking import ExperimentPlan
 from bayesdeg.criticism.findings import (
@@ -352,8 +352,8 @@ RECORDS = {
     "not predicted better": NotPredictedBetter("creep", -20.04, 14.0),
     "implausible size": ImplausibleSize("creep", 0.00123, 3.14),
     "implausible size beside another": ImplausibleSize("creep", 0.00123, 47.0, beside=True),
-    "size that a cause does not have": UnheardOfSize("creep", 0.0001234),
-    "size that no prior draw has": UnheardOfSize("creep", 0.0),
+    "size that a cause does not have": ExcludedSize("creep", 0.0001234),
+    "size that no prior draw has": ExcludedSize("creep", 0.0),
     "too little evidence": TooLittleEvidence("creep", 2.14, 4.2),
     "shared by a level": SharedByLevel("creep", 0.0199, 500),
     "no reduction": NoReduction(0.0199, 500),

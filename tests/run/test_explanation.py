@@ -18,11 +18,11 @@ from bayesdeg.criticism.decide.candidates import FULL_FIT, SCREENING, Confusabil
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.decide.verdict import (
     Decision,
+    ExcludedSize,
     NoReduction,
     NotPredictedBetter,
     TooLittleExplained,
     Uncalibrated,
-    UnheardOfSize,
 )
 from bayesdeg.criticism.findings import (
     Candidate,
@@ -254,11 +254,11 @@ def cases():
         ),
         "unexplained, rivals refuted too": replace(
             judgement_of(
-                Decision(Outcome.UNEXPLAINED, (), reasons=(UnheardOfSize("pressure_offset", 0.0),)),
+                Decision(Outcome.UNEXPLAINED, (), reasons=(ExcludedSize("pressure_offset", 0.0),)),
                 support("pressure_offset"),
             ),
             refuted={
-                frozenset({"pressure_offset"}): (UnheardOfSize("pressure_offset", 0.0),),
+                frozenset({"pressure_offset"}): (ExcludedSize("pressure_offset", 0.0),),
                 frozenset({"creep"}): (TooLittleExplained(0.4),),
                 frozenset({"gravity"}): (TooLittleExplained(0.3),),
                 frozenset({"mullins"}): (TooLittleExplained(0.2),),

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesdeg.analysis import hearing
 from bayesdeg.analysis import judge as judging
+from bayesdeg.analysis import refuting
 from bayesdeg.analysis.calibrate import Fit, base_of
 from bayesdeg.analysis.designs import candidate_experiments
 from bayesdeg.analysis.judge import (
@@ -135,7 +135,7 @@ def test_a_brief_verdict_holds_nothing_out(effect, outcome, causes, monkeypatch)
     def held_out(*_args, **_options):
         raise AssertionError
 
-    monkeypatch.setattr(hearing, "held_out_and_all", held_out)
+    monkeypatch.setattr(refuting, "held_out_and_all", held_out)
     base = base_of(fit_of(model_with(**effect)))
     assembly = Assembly(base.subject, CAUSES, UNJUDGED, ())
     found = judge_briefly(assembly, base, seed=np.random.SeedSequence(5))
@@ -230,12 +230,16 @@ def test_specimens_are_held_out_again_where_draws_may_decide(shifted, monkeypatc
     search = replace(judgement.search, trials=dict(judgement.search.trials))
     chosen, held = frozenset({"pressure_offset"}), []
     monkeypatch.setattr(
-        hearing, "_held_out", lambda search, *_: (held.append(search.trials[chosen]) or {}, {})
+        refuting,
+        "held_out_and_all",
+        lambda search, *_, **__: (held.append(search.trials[chosen]) or {}, {}),
     )
     one = Support("pressure_offset", 40.0, gain, 1.0, {}, 0.3)
-    monkeypatch.setattr(hearing, "supports", lambda *_: [one])
+    monkeypatch.setattr(refuting, "supports", lambda *_: [one])
     known = np.random.SeedSequence(1)
-    hearing.favoured_of(search, chosen, known, Silent(), Guard(strict=True))
+    assembly = Assembly(search.base.subject, CAUSES, UNJUDGED, ())
+    tests = refuting.RefutingTests(search, assembly, known, Silent(), Guard(strict=True))
+    tests.supported(chosen)
     assert [trial.settled_by for trial in held] == [0, DECIDING][:times]
     assert search.factor(frozenset()) == 0.0
 

@@ -11,7 +11,7 @@ import pytest
 
 from bayesdeg import cli
 from bayesdeg.actuator.mesh import Resolution
-from bayesdeg.analysis import films, hearing, judge, model_kind
+from bayesdeg.analysis import films, judge, model_kind, refuting
 from bayesdeg.commands import run as command
 from bayesdeg.criticism.fit.search import SearchEffort
 from bayesdeg.criticism.holdout import leave_one_out
@@ -135,7 +135,7 @@ KEPT = [
     (run, "calibrate", lambda _model, name, **_options: name),
     (model_kind, "base_of", None),
     (judge, "Search", None),
-    (hearing, "held_out_and_all", None),
+    (refuting, "held_out_and_all", None),
     (judge, "absorption", None),
     (judge, "levels_out", lambda _search, names, **_options: names),
     (judge, "rank", lambda trials, *_args, **_options: tuple(t.names for t in trials)),

@@ -18,7 +18,7 @@ Regroup = Callable[[JointModel], JointModel]
 
 INSEPARABLE = float(np.log(20.0))
 IMPLAUSIBLE = 0.005  # least prior probability of a size as far from neutral
-UNHEARD_OF = 0.001
+EXCLUDED = 0.001
 """Prior probability of a size as far from neutral below which no evidence names a cause: one cause
 in a thousand has such a size, while one effect outside the catalogue in 25 was named as an entry in
 virtual studies. So such a size is more often that of an imitation."""
@@ -104,18 +104,18 @@ class Support:
         Evidence does not compel one of several causes: two causes of arbitrary size can imitate a
         third, with more evidence the more readings there are. A nonlinear gauge looks like a film
         mismatch of five standard deviations together with a leak. Nor does it compel one whose
-        whole interval is `UNHEARD_OF`: a regulator with friction looks like creep, but creeps by a
+        whole interval is `EXCLUDED`: a regulator with friction looks like creep, but creeps by a
         half where 99.9 % of the prior lie below two fifths.
         """
-        if self.is_unheard_of:
+        if self.is_excluded:
             return False
         excused = self.together is None and self.log_bayes_factor >= MODERATE
         return self.prior_tail >= IMPLAUSIBLE or excused
 
     @property
-    def is_unheard_of(self) -> bool:
-        """Whether even the size nearest to neutral that the readings allow is `UNHEARD_OF`."""
-        return self.least_tail < UNHEARD_OF
+    def is_excluded(self) -> bool:
+        """Whether even the size nearest to neutral that the readings allow is `EXCLUDED`."""
+        return self.least_tail < EXCLUDED
 
     @property
     def inseparable(self) -> tuple[str, ...]:

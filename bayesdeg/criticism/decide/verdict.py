@@ -12,7 +12,7 @@ evidence, or treat a deviation of whole levels as scatter of single specimens
 means and priors decide whether the base model is adequate. The misfit left by causes must not
 require a further term in known quantities (`checks.missing_terms`), which catches effects outside
 the catalogue that resemble a cause; (5) sets within odds of 20 get the same tests, and those that
-are refuted drop out (`decide.contest`); what remains is reported as a product of lists if every
+are refuted drop out (`decide.elimination`); what remains is reported as a product of lists if every
 combination is supported, else as a list of sets (`decide.alternatives`): a cause is named if it is
 in all of them.
 """
@@ -124,7 +124,7 @@ known p-value stands on its edge: there causes were named that only keep curves 
 
 
 @dataclass(frozen=True)
-class UnheardOfSize:
+class ExcludedSize:
     """The readings need a size of the cause that its prior excludes, whatever the evidence."""
 
     cause: str
@@ -198,7 +198,7 @@ type Reason = (
     | NothingHeldOut
     | NotPredictedBetter
     | ImplausibleSize
-    | UnheardOfSize
+    | ExcludedSize
     | TooLittleEvidence
     | SharedByLevel
     | NoReduction
@@ -387,8 +387,8 @@ def against_sizes(supported: Iterable[Support]) -> list[Reason]:
     """Return the sizes that are too improbable for what speaks for them."""
     found: list[Reason] = []
     for one in supported:
-        if one.is_unheard_of:
-            found.append(UnheardOfSize(one.cause, one.least_tail))
+        if one.is_excluded:
+            found.append(ExcludedSize(one.cause, one.least_tail))
         elif not one.is_plausible:
             beside = one.together is not None
             found.append(ImplausibleSize(one.cause, one.prior_tail, one.log_bayes_factor, beside))

@@ -1,9 +1,9 @@
 """Which set of causes survives the tests that may refute it: the leader, or one of its rivals.
 
 The leader is the set with the most evidence. What comes within odds of 20 of it explains the
-readings about as well, so it is heard too: by the same tests, the cheapest first, up to the first
+readings about as well, so it is tested too: by the same tests, the cheapest first, up to the first
 that refutes it. If the leader is refuted, the best rival that is not takes its place; the rivals of
-that one are heard in turn, until the leading set survives, and with it all its rivals that do. If
+that one are tested in turn, until the leading set survives, and with it all its rivals that do. If
 none does, nothing is named.
 """
 
@@ -15,7 +15,7 @@ from bayesdeg.criticism.fit.search import Names
 
 
 @dataclass(frozen=True)
-class Contest:
+class Elimination:
     """The leading set after all tests.
 
     Parameters
@@ -30,12 +30,12 @@ class Contest:
     refuted: Mapping[Names, tuple[Reason, ...]]
 
 
-def contest(
+def eliminate(
     leader: Names,
     rivals_of: Callable[[Names], Iterable[Names]],
     against: Callable[[Names, bool], Iterable[Reason]],
-) -> Contest:
-    """Hear a leader and its rivals.
+) -> Elimination:
+    """Test a leader and its rivals.
 
     Parameters
     ----------
@@ -52,14 +52,14 @@ def contest(
     >>> from bayesdeg.criticism.decide.verdict import TooLittleExplained
     >>> first, second = frozenset({"degradation_scale"}), frozenset({"erosion"})
     >>> against = lambda names, leads: [TooLittleExplained(0.4)] if names == first else []
-    >>> contest(first, lambda names: {first, second} - {names}, against).leader
+    >>> eliminate(first, lambda names: {first, second} - {names}, against).leader
     frozenset({'erosion'})
     """
-    first, heard, refuted = leader, set[Names](), dict[Names, tuple[Reason, ...]]()
+    first, tested, refuted = leader, set[Names](), dict[Names, tuple[Reason, ...]]()
 
     def survives(names: Names, *, leads: bool = False) -> bool:
-        if names not in refuted and (leads or names not in heard):
-            heard.add(names)
+        if names not in refuted and (leads or names not in tested):
+            tested.add(names)
             reasons = tuple(against(names, leads))
             if reasons:
                 refuted[names] = reasons
@@ -68,8 +68,8 @@ def contest(
     while not survives(leader, leads=True):
         rival = next((one for one in rivals_of(leader) if survives(one)), None)
         if rival is None:
-            return Contest(first, refuted)
+            return Elimination(first, refuted)
         leader = rival
     for one in rivals_of(leader):
         survives(one)
-    return Contest(leader, refuted)
+    return Elimination(leader, refuted)

@@ -18,7 +18,7 @@ from bayesdeg.criticism.checks.absorption import effect_in
 from bayesdeg.criticism.checks.missing_terms import MissingTerms, missing_terms
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.alternatives import StatedSets, stated_sets
-from bayesdeg.criticism.decide.contest import contest
+from bayesdeg.criticism.decide.elimination import eliminate
 from bayesdeg.criticism.decide.support import (
     Regroup,
     Support,
@@ -49,7 +49,6 @@ BASE: Names = frozenset()
 HeldOutSets = tuple[dict[Names, HeldOut], dict[Names, HeldOut]]
 """Held-out results of sets of causes: of the main readings, and of these with all else."""
 NOTHING_KNOWN: HeldOutSets = ({}, {})
-Favoured = tuple[list[Support], StatedSets | None]
 Refuted = Mapping[Names, tuple[Reason, ...]]
 REFUTING = (
     OptionalStage.HELD_OUT,
@@ -70,7 +69,7 @@ def label(names: Names) -> str:
 
 
 @dataclass(frozen=True)
-class Heard:
+class SetResults:
     """A set of causes after all tests that may refute it, as far as they could be made.
 
     Parameters
@@ -100,7 +99,7 @@ class Heard:
     shared: list[SharedScatter]
     structure: MissingTerms | None
 
-    def without(self, refuted: Collection[Names]) -> "Heard":
+    def without(self, refuted: Collection[Names]) -> "SetResults":
         """Return it without its refuted rivals."""
         supported = [
             replace(
@@ -118,7 +117,7 @@ class Heard:
 
 
 @dataclass
-class Hearing:
+class RefutingTests:
     """Tests of sets of causes, each made once.
 
     Parameters
@@ -141,10 +140,10 @@ class Hearing:
     progress: Progress
     guard: Guard
     known: HeldOutSets = NOTHING_KNOWN
-    tested: dict[Names, Heard] = field(default_factory=dict)
+    tested: dict[Names, SetResults] = field(default_factory=dict)
     against_readings: dict[tuple[str, ...], list[Reason]] = field(default_factory=dict)
 
-    def best(self, favoured: Names) -> tuple[Heard, Refuted]:
+    def best(self, favoured: Names) -> tuple[SetResults, Refuted]:
         """Return the best set that survives all tests, and the refuted ones with the reasons.
 
         If none survives, or a test could not be made, the set that the evidence favours.
@@ -157,7 +156,7 @@ class Hearing:
             weak = [] if names == favoured else self._too_little(names)
             return weak or self._against_leader(names)
 
-        found = contest(favoured, self._rivals_of, against)
+        found = eliminate(favoured, self._rivals_of, against)
         if self._is_incomplete:
             return self.of(favoured), {}
         best = self.of(found.leader)
@@ -165,20 +164,51 @@ class Hearing:
             best = best.without(found.refuted)
         return replace(best, everything=self.known[1]), found.refuted
 
-    def of(self, names: Names) -> Heard:
+    def of(self, names: Names) -> SetResults:
         """Return all tests of a set."""
         if names not in self.tested:
             final = self.search.step(names)
             final = self.search.left(names) if names else final
-            held_out, everything, about = favoured_of(
-                self.search, names, self.seed, self.progress, self.guard, self.known
+            supported = self.supported(names)
+            stated = self.guard.attempt(
+                OptionalStage.SETS, stated_sets, self.search, names, supported
             )
-            self.known = (held_out, everything)
             structure = self._structure(final) if names else None
-            self.tested[names] = Heard(
-                names, final, *self.known, *about, self._shared(final), structure
+            self.tested[names] = SetResults(
+                names, final, *self.known, supported, stated, self._shared(final), structure
             )
         return self.tested[names]
+
+    def supported(self, names: Names) -> list[Support]:
+        """Return the support for each cause of a set, with specimens held out.
+
+        They are held out a second time, with more draws, if Monte Carlo error may have decided
+        whether a cause is supported.
+        """
+        self._hold_out(names)
+        found = supports(self.search, names, self.known[1])
+        if any(one.is_close_call for one in found):
+            parts = (names - {name} for name in sorted(names))
+            self.search.settle([BASE, names, *parts], DECIDING)
+            self.known = NOTHING_KNOWN
+            self._hold_out(names)
+            found = supports(self.search, names, self.known[1])
+        return found
+
+    def _hold_out(self, names: Names) -> None:
+        """Add the result of `held_out_and_all` to what is known, if it can be computed."""
+        self.progress.stage("held-out specimens")
+        found = self.guard.attempt(
+            OptionalStage.HELD_OUT,
+            held_out_and_all,
+            self.search,
+            names,
+            known=self.known,
+            seed=self.seed,
+            executor=self.search.executor,
+            on_set=lambda one: self.progress.advance(1, label(one)),
+        )
+        self.known = found or self.known
 
     @property
     def _is_incomplete(self) -> bool:
@@ -216,7 +246,7 @@ class Hearing:
         found = found or against_scatter(self._shared(final))
         if found:
             return found
-        self.known = _held_out(self.search, names, self.seed, self.progress, self.guard, self.known)
+        self._hold_out(names)
         # where Monte Carlo error decides, it must not be what tells a rival from the leader
         return against_held_out(one for one in self._supports(names) if not one.is_close_call)
 
@@ -252,7 +282,7 @@ class Hearing:
 
 
 def why_refuted(refuted: Refuted, best: Names, *, degrades: bool) -> dict[str, str]:
-    """Return why causes are not named, by name: in the first set with each that was heard.
+    """Return why causes are not named, by name: in the first set with each that was tested.
 
     Nothing of those in the best set, if it survives.
     """
@@ -265,30 +295,6 @@ def why_refuted(refuted: Refuted, best: Names, *, degrades: bool) -> dict[str, s
     return found
 
 
-def favoured_of(
-    search: Search,
-    chosen: Names,
-    seed: np.random.SeedSequence,
-    progress: Progress,
-    guard: Guard,
-    known: HeldOutSets = NOTHING_KNOWN,
-) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut], Favoured]:
-    """Return held-out results, the support for each favoured cause, and the sets that may be right.
-
-    Specimens are held out a second time, with more draws, if Monte Carlo error may have decided
-    whether a cause is supported. The sets are None if they could not be computed.
-    """
-    held_out, everything = _held_out(search, chosen, seed, progress, guard, known)
-    supported = supports(search, chosen, everything)
-    if any(one.is_close_call for one in supported):
-        parts = (chosen - {name} for name in sorted(chosen))
-        search.settle([search.base.names, chosen, *parts], DECIDING)
-        held_out, everything = _held_out(search, chosen, seed, progress, guard)
-        supported = supports(search, chosen, everything)
-    stated = guard.attempt(OptionalStage.SETS, stated_sets, search, chosen, supported)
-    return held_out, everything, (supported, stated)
-
-
 def held_out_and_all(
     search: Search,
     chosen: Names,
@@ -297,7 +303,7 @@ def held_out_and_all(
     seed: np.random.SeedSequence,
     executor: Executor | None = None,
     on_set: Callable[[Names], None] | None = None,
-) -> tuple[dict[Names, HeldOut], dict[Names, HeldOut]]:
+) -> HeldOutSets:
     """Hold out the study's main readings, and these together with films and means of replicates.
 
     A wrong model of actuators can adapt to them and predict them well; it then contradicts the
@@ -324,33 +330,6 @@ def held_out_and_all(
 
 def _beside_it(place: int, subject: JointModel) -> JointModel:
     return subject.beside[place]
-
-
-def _held_out(
-    search: Search,
-    chosen: Names,
-    seed: np.random.SeedSequence,
-    progress: Progress,
-    guard: Guard,
-    known: HeldOutSets = NOTHING_KNOWN,
-) -> HeldOutSets:
-    """Return the result of `held_out_and_all`; what is known if it could not be computed."""
-    progress.stage("held-out specimens")
-
-    def told(names: Names) -> None:
-        progress.advance(1, label(names))
-
-    found = guard.attempt(
-        OptionalStage.HELD_OUT,
-        held_out_and_all,
-        search,
-        chosen,
-        known=known,
-        seed=seed,
-        executor=search.executor,
-        on_set=told,
-    )
-    return found or known
 
 
 def terms_left(step: Step, assembly: Assembly) -> MissingTerms:

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from bayesdeg.analysis.judge import judge_model
 from bayesdeg.criticism.decide.alternatives import SetOdds, StatedSets
-from bayesdeg.criticism.decide.contest import contest
-from bayesdeg.criticism.decide.support import INSEPARABLE, UNHEARD_OF, Support
+from bayesdeg.criticism.decide.elimination import eliminate
+from bayesdeg.criticism.decide.support import EXCLUDED, INSEPARABLE, Support
 from bayesdeg.criticism.decide.verdict import (
+    ExcludedSize,
     TooLittleEvidence,
     TooLittleExplained,
-    UnheardOfSize,
     decide,
 )
 from bayesdeg.criticism.outcome import Outcome
@@ -38,8 +38,8 @@ def rivals_of(names):
     return [single(n) for n in sorted(close, key=lambda n: -FACTORS[n])]
 
 
-def heard(*refuted, as_leader=()):
-    """The contest if some causes are refuted, and who was asked as what."""
+def eliminated(*refuted, as_leader=()):
+    """The elimination if some causes are refuted, and who was asked as what."""
     asked = []
 
     def against(names, leads):
@@ -47,39 +47,39 @@ def heard(*refuted, as_leader=()):
         [name] = names
         return (LITTLE,) if name in refuted or (leads and name in as_leader) else ()
 
-    return contest(single("creep"), rivals_of, against), asked
+    return eliminate(single("creep"), rivals_of, against), asked
 
 
 def test_a_leader_that_survives_leads_and_refuted_rivals_drop_out():
-    found, asked = heard("gravity")
+    found, asked = eliminated("gravity")
     assert found.leader == single("creep")
     assert found.refuted == {single("gravity"): (LITTLE,)}
     assert asked == [("creep", True), ("erosion", False), ("gravity", False)]
 
 
 def test_the_best_rival_that_survives_takes_the_place_of_a_refuted_leader():
-    found, asked = heard("creep", "erosion")
+    found, asked = eliminated("creep", "erosion")
     assert found.leader == single("gravity")
     assert set(found.refuted) == {single("creep"), single("erosion")}
-    # what is within odds of 20 of the new leader is heard too
+    # what is within odds of 20 of the new leader is tested too
     assert asked[-1] == ("mullins", False)
 
 
 def test_a_rival_is_refuted_as_leader_by_what_only_a_leader_is_asked():
-    found, _ = heard("creep", as_leader=("erosion",))
+    found, _ = eliminated("creep", as_leader=("erosion",))
     assert found.leader == single("gravity")
     assert set(found.refuted) == {single("creep"), single("erosion")}
 
 
 def test_if_none_survives_the_favoured_set_is_reported_with_all_reasons():
-    found, _ = heard(*FACTORS)
+    found, _ = eliminated(*FACTORS)
     assert found.leader == single("creep")
     assert set(found.refuted) == {single(name) for name in ("creep", "erosion", "gravity")}
 
 
 @given(st.sets(st.sampled_from(sorted(FACTORS))), st.sets(st.sampled_from(sorted(FACTORS))))
 def test_only_a_set_that_survives_leads_or_nothing_is_named(refuted, as_leader):
-    found, asked = heard(*refuted, as_leader=as_leader)
+    found, asked = eliminated(*refuted, as_leader=as_leader)
     assert len(asked) == len(set(asked))
     if found.leader in found.refuted:
         assert {*found.refuted} >= {found.leader, *rivals_of(found.leader)}
@@ -128,8 +128,8 @@ def test_a_cause_of_a_size_that_it_does_not_have_gives_way_to_one_that_explains_
     alone = judge_model(subject, (narrow,), seed=1)
     assert (alone.decision.outcome, alone.decision.causes) == (Outcome.UNEXPLAINED, ())
     [reason] = alone.decision.reasons
-    assert isinstance(reason, UnheardOfSize)
-    assert reason.probability < UNHEARD_OF
+    assert isinstance(reason, ExcludedSize)
+    assert reason.probability < EXCLUDED
     assert alone.missing is not None
     both = judge_model(subject, (narrow, wide), seed=1)
     assert 0.0 < both.search.factor(single("narrow")) - both.search.factor(single("wide")) < 3.0
@@ -144,7 +144,7 @@ def test_a_cause_of_a_size_that_it_does_not_have_gives_way_to_one_that_explains_
 
 def test_evidence_is_asked_of_a_rival_that_takes_the_lead_alone():
     weak = TooLittleEvidence("erosion", 2.1, 4.2)
-    found = contest(
+    found = eliminate(
         single("creep"),
         rivals_of,
         lambda names, leads: (LITTLE,) if names == single("creep") else (weak,) * leads,
@@ -155,10 +155,10 @@ def test_evidence_is_asked_of_a_rival_that_takes_the_lead_alone():
 
 @pytest.mark.parametrize("beside", [None, (60.0, 9.0)])
 def test_no_evidence_names_a_cause_of_a_size_that_it_does_not_have(beside):
-    own = Support("creep", 80.0, 70.0, 9.0, {}, UNHEARD_OF, beside, least_tail=0.9 * UNHEARD_OF)
+    own = Support("creep", 80.0, 70.0, 9.0, {}, EXCLUDED, beside, least_tail=0.9 * EXCLUDED)
     others = [] if beside is None else [Support("erosion", 30.0, 9.0, 4.0, {}, 0.3, beside)]
     found = decide(step(), CLEAN, [own, *others])
     assert found.outcome is Outcome.UNEXPLAINED
-    assert found.reasons == (UnheardOfSize("creep", 0.9 * UNHEARD_OF),)
-    reached = replace(own, least_tail=UNHEARD_OF, prior_tail=0.3)
+    assert found.reasons == (ExcludedSize("creep", 0.9 * EXCLUDED),)
+    reached = replace(own, least_tail=EXCLUDED, prior_tail=0.3)
     assert decide(step(), CLEAN, [reached, *others]).outcome is Outcome.NAMED
