@@ -2,23 +2,14 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from emulator_held_out import HeldOut, inputs_of
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from bayesdeg.actuator.curve import Curve, PathSamples
-from bayesdeg.actuator.geometry import Geometry
-from bayesdeg.data.settings import Dimensions
-from bayesdeg.surrogate import campaign
-from bayesdeg.surrogate.fit import fit_limit
-from bayesdeg.surrogate.kept import Recipe
-from bayesdeg.surrogate.regression import reach
-from bayesdeg.surrogate.scaling import Place
-from bayesdeg.surrogate.solutions import SolutionStore
+from bayesdeg.actuator.curve import Curve
 from bayesdeg.surrogate.surrogate import OUTPUTS, Surrogate
 
 Floats = NDArray[np.float64]
@@ -133,49 +124,22 @@ def refusals(pairs: Sequence[Compared], curves: Sequence[HeldOut]) -> dict[str, 
     }
 
 
-def limits(emulator: Surrogate, runs: Sequence[tuple[Curve, PathSamples]]) -> dict[str, object]:
-    """Compare the limit pressure with the reach of those curves whose reach is known."""
+def limits(emulator: Surrogate, runs: Sequence[tuple[Curve, float]]) -> dict[str, object]:
+    """Compare the limit pressure with the limit load of curves, inf where they end smoothly."""
     apart, in_errors, within = [], [], 0
-    ends = [(curve, reach(curve, samples)) for curve, samples in runs]
-    for curve, end in ends:
-        if end.load <= 0.0:
-            continue
-        known = 1e3 * end.load * Place.of(curve.material).modulus
-        limit = emulator.limit_pressure(inputs_of(curve, np.array([known])))
-        guess, sd = float(limit.pressure.ravel()[0]), float(limit.sd.ravel()[0])
-        if end.open:
-            # of a curve that is smooth to its end the reach is larger than the last load
-            within += bool(guess < known)
+    for curve, known in runs:
+        last = 1e3 * min(known, curve.loads[-1])
+        limit = emulator.limit_pressure(inputs_of(curve, np.array([last])))
+        guess, sd = limit.pressure.item(), limit.sd.item()
+        if not np.isfinite(known):
+            within += bool(guess < last)
         elif np.isfinite(guess):
-            apart.append(guess / known - 1.0)
-            in_errors.append(abs(guess - known) / sd)
-    smooth = sum(end.open for _, end in ends)
+            apart.append(guess / last - 1.0)
+            in_errors.append(abs(guess - last) / sd)
     return {
         **_spread(100.0 * np.abs(np.array(apart))),
         "mean_pct": 100.0 * float(np.mean(apart)) if apart else None,
         "coverage_90": float(np.mean(np.array(in_errors) <= HALF_WIDTH)) if apart else None,
-        "smooth_curves": smooth,
+        "smooth_curves": sum(not np.isfinite(known) for _, known in runs),
         "smooth_curves_whose_limit_is_put_within_their_loads": within,
-    }
-
-
-def limits_left_out(emulator: Surrogate, store: SolutionStore) -> dict[str, Any]:
-    """Compare with fine curves that end, the limit fitted without their coarse twins.
-
-    The shift between the meshes comes from every second fine curve, and the others are judged.
-    """
-    wanted = campaign.runs(Geometry(Dimensions()))
-    found = [(run, store.get(run)) for run in wanted]
-    pairs = [(run, got) for run, got in found if isinstance(got, PathSamples)]
-    fine = [(run.curve, s) for run, s in pairs if run.resolution == Recipe().fine_mesh]
-    if not fine:
-        return {"missing": "fine training runs in the store"}
-    twins = {curve for curve, _ in fine}
-    others = [reach(run.curve, s) for run, s in pairs if run.curve not in twins]
-    known, judged = fine[::2], fine[1::2]
-    shift = [reach(curve, samples) for curve, samples in known]
-    fitted = replace(emulator, limit=fit_limit(others, shift).terms)
-    return limits(fitted, judged) | {
-        "what": f"{len(judged)} fine curves of the training design against a limit fitted to "
-        f"{len(others)} other curves of the coarse mesh and shifted by {len(known)} of the fine one"
     }

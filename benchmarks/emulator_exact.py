@@ -12,15 +12,17 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from emulator_held_out import inputs_of, path_of, show
+from emulator_held_out import inputs_of, show
+from fine_library_data import by_load
 from forward_case import say
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
-from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
 from bayesdeg.actuator.inputs import Inputs, Prediction, relative_to_reference
 from bayesdeg.actuator.moulded import Moulded
+from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Resolution
 from bayesdeg.surrogate.campaign import complete, missing
 from bayesdeg.surrogate.regression import FLOOR, Observed, observe
@@ -225,13 +227,25 @@ def exact_gaps(
     for k, (run, found) in enumerate(zip(runs, solved, strict=True)):
         is_path = isinstance(found, PathSamples)
         samples = found if isinstance(found, PathSamples) else path_of(run.curve, found)
-        seen = observe(run.curve, samples, span=emulator.span, length=geometry.dimensions.length)
+        length = geometry.dimensions.length
+        seen = observe(run.curve, samples, length=length, compliance=emulator.compliance)
         if seen is not None:
+            seen = by_load(seen, Place.of(run.curve.material))
             at = k // count if is_path else k - len(levels) * count
             gap = _gap(levels[at], seen, run.curve, emulator, by_material=is_path)
             gaps[at].append(gap)
     seconds = store.seconds()
     return gaps, sum(seconds[run.key()] for run in runs)
+
+
+def path_of(curve: Curve, solution: CurveSolution) -> PathSamples:
+    """Return a curve with its derivatives by the load alone."""
+    readings = np.vstack([solution.rest, solution.readings])
+    gradients = np.zeros((*readings.shape, len(INPUTS)))
+    gradients[:, :, 0] = np.vstack([solution.rest_rates, solution.rates])
+    loads = np.array([0.0, *curve.loads[: len(solution.readings)]])
+    end = (solution.status, solution.limit_load, solution.iterations, solution.solver)
+    return PathSamples(loads, readings, gradients, *end)
 
 
 def _curve(level: Level, coordinates: Floats, power: float = 1.0) -> Curve:

@@ -8,13 +8,12 @@ import numpy as np
 from forward_case import say
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.curve import Curve, CurveSolution, PathSamples
+from bayesdeg.actuator.curve import Curve, CurveSolution
 from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.actuator.mesh import CONVERGED
 from bayesdeg.actuator.outputs import OUTPUTS as READINGS
-from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.surrogate.campaign import Finished, complete, missing
 from bayesdeg.surrogate.design import study_like
@@ -58,20 +57,6 @@ class HeldOut:
         kappa, angle = rows[:, 0] / rows[:, 1] * 1e3, np.degrees(rows[:, 0])
         stretch = rows[:, READINGS.index("peak_stretch")] - 1.0
         return np.stack([kappa - kappa[0], angle - angle[0], stretch])[:, 1:]
-
-    @property
-    def samples(self) -> PathSamples:
-        return path_of(self.curve, self.solution)
-
-
-def path_of(curve: Curve, solution: CurveSolution) -> PathSamples:
-    """Return a curve with its derivatives by the load, as ``observations.reach`` takes it."""
-    readings = np.vstack([solution.rest, solution.readings])
-    gradients = np.zeros((*readings.shape, len(INPUTS)))
-    gradients[:, :, 0] = np.vstack([solution.rest_rates, solution.rates])
-    loads = np.array([0.0, *curve.loads[: len(solution.readings)]])
-    end = (solution.status, solution.limit_load, solution.iterations, solution.solver)
-    return PathSamples(loads, readings, gradients, *end)
 
 
 def inputs_of(curve: Curve, loads: Floats) -> Inputs:

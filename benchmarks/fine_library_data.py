@@ -6,15 +6,15 @@ y = ln(k/q) over q follow ∂h/∂k = −y_q/(k_q) and ∂h/∂g = −y_g/(1 + q
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdeg.actuator.curve import Curve, PathSamples
 from bayesdeg.surrogate import coordinates as at
-from bayesdeg.surrogate.regression import Observed, observe
-from bayesdeg.surrogate.scaling import Place, TrainingRange
+from bayesdeg.surrogate.regression import Observed, observe, offset_gradient
+from bayesdeg.surrogate.scaling import Place
 from bayesdeg.surrogate.surrogate import stretch_offset
 
 Floats = NDArray[np.float64]
@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 LENGTH = 50.0  # mm
 POINTS = 4  # of a curve
 SMALL_STRAIN = 0.05
+STEEP = 4.0  # d ln κ/d ln q up to which runs are used
 AT_REST = [at.MISMATCH, at.ALONG, at.UP]  # what strains the paper without pressure
 # a, the strain over k of a line that no paper holds [–], and P₀, the body's own stiffness [mm]
 STRAIN, GIVE = 0.07, 30.0
@@ -106,12 +107,41 @@ def observed(
     """
     parts = []
     for number, (curve, found) in enumerate(zip(curves, samples, strict=True)):
-        seen = observe(curve, found, span=TrainingRange(load=1.5), length=LENGTH)
+        seen = observe(curve, found, length=LENGTH, compliance=1.0)
         place = np.array(Place.of(curve.material).values)
         corner = place[at.SLACK - 1] > 0.0 and np.any(place[[axis - 1 for axis in AT_REST]])
         if seen is not None and not corner:
-            parts.append(_points(number, curve, seen, points))
+            parts.append(_points(number, curve, by_load(seen, Place.of(curve.material)), points))
     return Points(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def by_load(run: Observed, place: Place) -> Observed:
+    """Return a run with y over the load and its derivatives at a given load, while it is not steep.
+
+    With the logarithms of an output O and of the load q at a given swelling t, the derivative of O
+    by g at a given load is ∂O/∂g − (∂O/∂t)/(∂q/∂t) ∂q/∂g.
+    """
+    kept = np.cumsum(~(np.nan_to_num(run.growth, nan=np.inf) < STEEP)) == 0
+    load, t = run.load[kept], run.along[kept]
+    groups = np.array([0.0, *place.values])
+    rest, offset = stretch_offset(groups), offset_gradient(place)
+    over, new = (np.column_stack([z, z, *(z + rest for _ in range(7)), z]) for z in (t, load))
+    of_rest = np.zeros((10, 13))
+    of_rest[2:9] = offset
+    by = run.gradients[kept] + of_rest / over[..., None]  # of the logarithms, not over t
+    by[..., 0] += 1.0 / over
+    by, share = by - by[..., :1] / by[:, -1:, :1] * by[:, -1:], by[..., 0] / by[:, -1:, 0]
+    by[..., 0] = share / load[:, None] - 1.0 / new
+    by -= of_rest / new[..., None]
+    return replace(
+        run,
+        along=load,
+        load=load,
+        values=run.values[kept] + np.log(over / new),
+        first=run.first - run.first[-1],
+        gradients=by,
+        weights=run.weights[kept],
+    )
 
 
 def _points(

@@ -45,9 +45,8 @@ from bayesdeg.files import write_text
 from bayesdeg.laboratory.experiment import design_of, run_experiment
 from bayesdeg.laboratory.truth import Truth, parse_effects
 from bayesdeg.laboratory.writing import Provenance, study_files
-from bayesdeg.surrogate.campaign import complete, local_terms
+from bayesdeg.surrogate.campaign import complete
 from bayesdeg.surrogate.local import InputDraws, curves_of, span_of
-from bayesdeg.surrogate.regression import reach
 from bayesdeg.surrogate.solutions import Kind, Run, SolutionStore
 from bayesdeg.surrogate.surrogate import Surrogate
 from bayesdeg.surrogate.workers import workplace
@@ -143,9 +142,7 @@ def held_out(study: Study, asked: InputDraws, count: int, workers: int) -> list[
     ]
 
 
-def errors_of(
-    surrogate: Surrogate, curves: list[HeldOut], steepest: float
-) -> tuple[Floats, list[float]]:
+def errors_of(surrogate: Surrogate, curves: list[HeldOut]) -> tuple[Floats, list[float]]:
     """Return largest errors of each curve over its largest value, (n, 3), and those of its end."""
     worst, ends = [], []
     for one in curves:
@@ -155,10 +152,9 @@ def errors_of(
         if known.any():
             gap = np.abs(found - one.truth)[:, known].max(axis=1)
             worst.append(100.0 * gap / np.abs(one.truth).max(axis=1))
-        end = reach(one.curve, one.samples, steepest)
-        limit = surrogate.limit_pressure(one.inputs)
-        if not end.open and limit.trained.all():
-            ends.append(100.0 * abs(float(limit.pressure.ravel()[0]) / (1e3 * end.load) - 1.0))
+        limit, known = surrogate.limit_pressure(one.inputs).pressure.item(), one.solution.limit_load
+        if np.isfinite(known) and np.isfinite(limit):
+            ends.append(100.0 * abs(limit / (1e3 * known) - 1.0))
     return np.array(worst), ends
 
 
@@ -183,10 +179,9 @@ def judged(name: str, workers: int, curves: int, exact_draws: int) -> Json:
     running = (time.perf_counter() - begun) / 60.0
     verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
     seen = held_out(study, posteriors_of(study, surrogate, SEED).asked, curves, workers)
-    steepest = local_terms(geometry_of_study(study.settings)).steepest
-    worst, ends = errors_of(surrogate, seen, steepest)
+    worst, ends = errors_of(surrogate, seen)
     earlier = held_out(study, asked_of(study, SEED), curves, workers)
-    before, _ = errors_of(surrogate, earlier, steepest)
+    before, _ = errors_of(surrogate, earlier)
     shift = shifted(study, surrogate, workers, exact_draws) if exact_draws else None
     p95 = np.quantile(worst, 0.95, axis=0)
     record = json.loads(surrogate.record)

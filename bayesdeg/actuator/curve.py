@@ -525,8 +525,9 @@ def _solution(
     return CurveSolution(values[1:], rates[1:], values[0], rates[0], *end, solver)
 
 
-# of a campaign: paths beyond this many factorizations are not suitable for training
-SAMPLING = PathEffort(total=150)
+# of a campaign: by volume to just beyond a limit point; paths beyond this many factorizations are
+# not suitable for training
+SAMPLING = PathEffort(total=150, beyond=0.1, first_step=0.06)
 LEARNED_STEPS = 3
 """Fewest equilibria of a training path: a stiff part would reach its last load in one step, which
 does not show the course in between."""

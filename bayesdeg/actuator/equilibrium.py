@@ -359,6 +359,8 @@ def follow_volume(
                 return Limit(Status.TIMED_OUT, np.inf, spent)
             if spent > effort.total:
                 break
+            if not is_past and np.isfinite(highest) and here.is_rising:
+                step = min(step, highest / effort.steps / here.point.rate.load)
             aim = min(here.volume + step, end)
             at = [place.volume for place in places[-MEMORY:]]
             guess = hermite([place.point for place in places[-MEMORY:]], aim, at=at).state

@@ -132,4 +132,4 @@ CONVERGED = Resolution(along=1.2, across=1.05, up=1.0, grading=0.75)
 FINE = Resolution(along=1.0, across=0.7, up=0.9, grading=0.75)
 
 
-MODEL_VERSION = "3"  # raised when numbers change, which invalidates stored solutions
+MODEL_VERSION = "4"  # raised when numbers change, which invalidates stored solutions

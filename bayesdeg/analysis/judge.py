@@ -35,9 +35,11 @@ from bayesdeg.criticism.checks.count_misfit import (
     own_counts,
     rupture_misfit,
 )
+from bayesdeg.criticism.checks.detectable import detectable_causes, detectable_misfit
 from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.misfit_columns import misfit_columns
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
+from bayesdeg.criticism.checks.plausible_errors import implausible_errors
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter, shared_scatter
 from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.candidates import (
@@ -50,6 +52,7 @@ from bayesdeg.criticism.decide.candidates import (
 from bayesdeg.criticism.decide.counted import Counted, CountedCause, judge_counts
 from bayesdeg.criticism.decide.support import Support, support_without_rivals
 from bayesdeg.criticism.decide.verdict import (
+    CoarseMap,
     Decision,
     NotComputed,
     NotConverged,
@@ -66,6 +69,7 @@ from bayesdeg.criticism.findings import (
     Candidate,
     ColumnMisfit,
     Conflict,
+    Detectable,
     ExperimentEntry,
     Questioned,
     RuptureMisfit,
@@ -78,7 +82,7 @@ from bayesdeg.criticism.holdout.held_out import HeldOut, by_level, in_folds, run
 from bayesdeg.criticism.outcome import MISFIT_LEVEL, Outcome
 from bayesdeg.inference.model import JointModel
 from bayesdeg.observations.counts import RuptureCounts
-from bayesdeg.observations.curvature import CURVATURE
+from bayesdeg.observations.curvature import CURVATURE, Curvature
 from bayesdeg.pages.left_out import Guard, OptionalStage
 from bayesdeg.pages.wording import sentences, worded
 from bayesdeg.progress import Progress, Silent
@@ -137,6 +141,8 @@ class Judgement:
     stated : StatedSets or None
         Which sets of causes of the readings may be right; None where the evidence favours none, or
         it could not be computed.
+    detectable : Detectable or None
+        The smallest misfit that the base model would have shown; None where it is not known.
     refuted : mapping of frozenset of str to tuple of Reason
         Sets of causes within odds of 20 of the best that a test refuted, and why.
     """
@@ -164,6 +170,7 @@ class Judgement:
     absorbed: Absorption | None = None
     missing: "Description | None" = None
     stated: StatedSets | None = None
+    detectable: Detectable | None = None
     refuted: Refuted = field(default_factory=dict)
 
     @property
@@ -486,6 +493,10 @@ def judge(
     if not alone.misfit.is_calibrated:
         few = uncalibrated(alone.misfit)
         guard.note(OptionalStage.CALIBRATION, sentences("findings", "not_calibrated", one=few))
+    shown = guard.attempt(OptionalStage.DETECTABLE, _detectable, alone, search)
+    errors = guard.attempt(
+        OptionalStage.ERRORS, implausible_errors, final.trial.linear, final.simulated
+    )
     tried = (*assembly.candidates, *assembly.of_counts)
     alike = tuple(cause.name for cause in assembly.alike)
     decision = decide(
@@ -501,6 +512,9 @@ def judge(
         shared=shared,
         structure=structure,
         stated=stated,
+        detectable=shown,
+        errors=errors,
+        coarse=coarse_map(base),
         untested=[NotComputed(s, guard.why(s)) for s in REFUTING if s in guard.stages],
     )
     judged = candidates(
@@ -546,8 +560,32 @@ def judge(
         absorbed=absorbed,
         missing=_missing((alone, final), decision, assembly, guard, seed, executor),
         stated=stated,
+        detectable=shown,
         refuted=refuted,
     )
+
+
+def _detectable(alone: Step, search: Search) -> Detectable | None:
+    """Return the smallest misfit that a base model would have shown, with the nearest causes."""
+    linear = alone.trial.linear
+    found = detectable_misfit(linear, alone.misfit, alone.simulated)
+    if found is None:
+        return None
+    nearest = sorted(alone.screened.values(), key=lambda one: -one.log_bayes_factor)
+    causes = [one.cause for one in nearest]
+    sizes = detectable_causes(linear, causes, alone.threshold)
+    return found.model_copy(update={"causes": sizes})
+
+
+def coarse_map(base: CandidateFit) -> CoarseMap | None:
+    """Return by how much the forward map errs over the readings; None if by less than them.
+
+    Both are rms over the readings of curvature, at the mode.
+    """
+    model = base.subject
+    state = model.tests(model.table.named(base.mode[None]))
+    ratio = max((one.map_error_ratio(state) for one in model.of_kind(Curvature)), default=0.0)
+    return CoarseMap(ratio) if ratio > 1.0 else None
 
 
 def judge_briefly(

@@ -33,7 +33,7 @@ from bayesdeg.inference.model import JointModel, share_outside
 from bayesdeg.observations.curvature import AtPressures, Curvature, mechanics_inputs, parts_of
 from bayesdeg.observations.force import HeldTip
 from bayesdeg.observations.specimens import no_map
-from bayesdeg.surrogate.campaign import Campaign, local_terms
+from bayesdeg.surrogate.campaign import Campaign
 from bayesdeg.surrogate.coordinates import Batch
 from bayesdeg.surrogate.kept import AT_THE_POSTERIOR
 from bayesdeg.surrogate.local import (
@@ -384,8 +384,7 @@ def refined_by(
     """
     paths = [(run.curve, found) for run, found in solved if isinstance(found, PathSamples)]
     curves, samples = [curve for curve, _ in paths], [found for _, found in paths]
-    steepest = local_terms(campaign.geometry).steepest
-    refinement = refine(ground, curves, samples, posteriors.whole, steepest)
+    refinement = refine(ground, curves, samples, posteriors.whole)
     with threadpool_limits(1):
         left = error_left(posteriors, ground, refinement)
     found = refinement.surrogate

@@ -1,10 +1,10 @@
 """Actuator readings beyond ballooning, which no curve of the material reaches.
 
-A forward map is defined up to where a curve becomes too steep to be emulated. No model can match a
-reading beyond that: models would be compared by how far their curves reach, and a cause would be
-named for extending them. Such readings are identified from films and priors before any model is
-fitted, so that all models have the same data. Whole rows are excluded: beyond the end of a curve a
-wall counts as burst, so one that survived would contradict any model too.
+No equilibrium exists beyond the largest pressure of a curve, so no model can match a reading there:
+models would be compared by how far their curves reach, and a cause would be named for extending
+them. Such readings are identified from films and priors before any model is fitted, so that all
+models have the same data. Whole rows are excluded: beyond ballooning a wall counts as burst, so one
+that survived would contradict any model too.
 """
 
 from dataclasses import replace
@@ -22,11 +22,12 @@ from bayesdeg.errors import Fault
 from bayesdeg.inference.model import JointModel, least_squares
 from bayesdeg.observations.curvature import ACTUATOR, Curvature, mechanics_inputs
 from bayesdeg.observations.specimens import FilmsAndActuators
-from bayesdeg.surrogate.surrogate import LIMIT_MARGIN, Surrogate
+from bayesdeg.surrogate.surrogate import Surrogate
 
 MARGIN = 0.03
-"""Margin of readings below the end of a curve, relative to its pressure, which is proportional to
-the stiffness that films determine to 2 or 3 %."""
+"""Margin of readings above the ballooning pressure, relative to it: it is proportional to the
+stiffness, which films determine to 2 or 3 %."""
+ERRORS = 2.0  # standard errors of the map's ballooning pressure, likewise
 MOST = 0.5
 """Share of a specimen's readings: if more lie beyond, a unit or a constant is wrong."""
 
@@ -118,7 +119,8 @@ def _ends(model: JointModel, specimens: NDArray[np.str_]) -> NDArray[np.float64]
         for one in model.of_kind(Curvature):
             met = mechanics_inputs(state, one.tests, np.zeros_like(one.deviation_sd(state)))
             limit = world.forward.limit_pressure(met)
-            end = np.where(limit.trained, limit.pressure - LIMIT_MARGIN * limit.sd, np.inf)
-            lowest = (1.0 - MARGIN) * end[0].min(axis=-1)
+            with np.errstate(invalid="ignore"):
+                end = limit.pressure + ERRORS * limit.sd
+            lowest = (1.0 + MARGIN) * np.where(np.isfinite(end[0]), end[0], np.inf).min(axis=-1)
             known |= dict(zip(one.tests.specimens, lowest.tolist(), strict=True))
     return np.array([known.get(str(name), np.inf) for name in specimens])

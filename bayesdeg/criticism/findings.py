@@ -74,6 +74,39 @@ class Concentration(Record):
     )
 
 
+class DetectableCause(Record):
+    """The size at which a cause would have been named."""
+
+    cause: Text = entry("name of the cause", "")
+    parameter: Text = entry("its parameter", "")
+    size: Number = entry(
+        "size at which it would have been named in nine of ten such studies, in `unit`; null where "
+        "no size that its prior allows would have been"
+    )
+    unit: Text = entry("unit of the size", "")
+
+
+class Detectable(Record):
+    """The smallest misfit that a study would have shown in nine of ten repetitions."""
+
+    kind: Text = entry("kind of the readings", "")
+    misfit_pct: Real = entry(
+        "largest value of a smooth misfit, over the largest reading of its kind, after the "
+        "parameters are fitted again [%]",
+        NAN,
+    )
+    specimens: int = Field(default=0, description="specimens with such readings")
+    causes: tuple[DetectableCause, ...] = entry("sizes of the nearest causes", ())
+
+
+class ImplausibleErrors(Record):
+    """What is implausible of the errors that a model needs."""
+
+    kind: Text = entry("kind of the readings", "")
+    noise_ratio: Real = entry("noise it assumes, over what neighbouring readings differ by", NAN)
+    r_squared: Real = entry("R² of its predictions without scatter", NAN)
+
+
 class RuptureMisfit(Record):
     """Observed ruptures and the number that the base model expects."""
 

@@ -834,6 +834,14 @@ class Curvature(PathReadings[ActuatorCurves]):
             deviation = np.zeros((*state.once(parts_of, self.tests).spread.shape, 1))
         return predict(state, self.tests, deviation)
 
+    def map_error_ratio(self, state: State[FilmsAndActuators]) -> float:
+        """Return the rms error of the map over that of the readings themselves, at a state [–]."""
+        found, points = self.predicted(state), self.tests.mask.shape[-1]
+        own = found.prediction.sd**2
+        read = found.variance[..., :points] - own
+        mask = np.broadcast_to(self.tests.mask, own.shape)
+        return float(np.sqrt(np.nanmean(own[mask]) / np.nanmean(read[mask])))
+
     @override
     def linearised(self, state: State[FilmsAndActuators]) -> Linearised:
         """Linearise the readings at the actuators' most probable deviations."""
@@ -864,7 +872,7 @@ class Curvature(PathReadings[ActuatorCurves]):
 
         Curvatures [1/m], then bend angles [°]; nan where the forward map has no solution.
         """
-        return draw_readings(state, self.tests, generator).readings
+        return draw_readings(state, self.tests, generator, survived=False).readings
 
     @override
     def stored(
@@ -924,13 +932,32 @@ class DrawnCurves(NamedTuple):
     deviation: Floats
 
 
+REDRAWS = 12
+"""Further draws of a specimen that would not have survived its readings, as the real one did."""
+
+
 def draw_readings(
-    state: State[FilmsAndActuators], data: ActuatorCurves, generator: np.random.Generator
+    state: State[FilmsAndActuators],
+    data: ActuatorCurves,
+    generator: np.random.Generator,
+    *,
+    survived: bool = True,
 ) -> DrawnCurves:
-    """Draw readings of new specimens, see `Curvature.drawn`, and their predictions."""
+    """Draw readings of new specimens, see `Curvature.drawn`, and their predictions.
+
+    With ``survived``, a specimen without a solution at one of its readings, as beyond ballooning,
+    is drawn anew, alone: the real one was read there.
+    """
     sd = deviation_sd(state, data)
     deviation = sd * generator.standard_normal(sd.shape)
     predicted = predict(state, data, deviation)
+    for _ in range(REDRAWS if survived else 0):
+        known = np.isfinite(predicted.prediction.curvature) | ~data.mask
+        lost = ~np.all(known, axis=-1, keepdims=True)
+        if not lost.any():
+            break
+        deviation = np.where(lost, sd * generator.standard_normal(sd.shape), deviation)
+        predicted = predict(state, data, deviation)
     length = state.values["curvature_noise_length"]
     correlation = reading_correlation(state.values, data)
     z = correlated_normals(data.paths, length, correlation, generator)

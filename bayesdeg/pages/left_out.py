@@ -24,6 +24,8 @@ class OptionalStage(StrEnum):
     WITH_SUSPECTS = "verdict with the suspects"
     VERDICT = "verdict"
     CALIBRATION = "misfit against chance"
+    DETECTABLE = "smallest misfit that would have shown"
+    ERRORS = "plausibility of noise and scatter"
     RUPTURE_MISFIT = "ruptures against the base model"
     RUPTURE_COUNTS = "counts of ruptures against the model"
     CONFLICT = "measured means and priors against the base model"

@@ -11,6 +11,7 @@ from bayesdeg.criticism.findings import (
     Concentration,
     Conflict,
     DescriptionEntry,
+    Detectable,
     Displacement,
     ExperimentEntry,
     Questioned,
@@ -246,6 +247,9 @@ class VerdictRecord(FileRecord):
         "causes in the model that bands, ruptures and decisions are predicted with", ()
     )
     misfit: MisfitEntry = MisfitEntry()
+    detectable: Detectable | None = entry(
+        "the smallest misfit that this study would have shown; null where chance is not known"
+    )
     ruptures: RuptureMisfit | None = entry("null where no actuator could be judged by its rupture")
     rupture_counts: tuple[RuptureCountsEntry, ...] = entry(
         "rupture counts and what the model expects, published ones first, then of the study's own "

@@ -168,6 +168,7 @@ def verdict_document(
         naming=NamingEntry(log_bayes_factor=judgement.threshold, replicates=len(base.chance)),
         predicted_with=judgement.predicted_with,
         misfit=_misfit(judgement, where, concentrated),
+        detectable=judgement.detectable,
         ruptures=judgement.rupture,
         rupture_counts=(*found, *(() if own is None else (counts_entry(own, degrades=degrades),))),
         contradicted=judgement.contradicted,
@@ -593,6 +594,16 @@ FEW_ERRORS = 2.0  # standard errors within which a gain may be zero
 LIKELY = 0.5  # probability of a cause above which the text says why it is not named
 
 
+def _shown(judgement: Judgement) -> list[str]:
+    """Return the sizes of causes that would have shown, in words."""
+    found = () if judgement.detectable is None else judgement.detectable.causes
+    return [
+        f"{one.cause.replace('_', ' ')} of {abs(one.size):.2g} {one.unit}".rstrip(" –")
+        for one in found
+        if one.size is not None
+    ]
+
+
 def explain(judgement: Judgement, where: str) -> str:
     """Return the explanation: what is wrong, why, how sure, what else it could be.
 
@@ -651,6 +662,7 @@ def explain(judgement: Judgement, where: str) -> str:
         where=where,
         outcome=str(decision.outcome),
         catalogue=known,
+        shown=_shown(judgement),
         causes=causes,
         named_or=" or ".join(decision.causes),
         favoured=" and ".join(one.cause for one in judgement.supported),

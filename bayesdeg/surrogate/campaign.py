@@ -15,7 +15,6 @@ from functools import partial
 from hashlib import sha256
 from math import inf
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,24 +27,16 @@ from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.actuator.status import Backend, Resolution, Status
 from bayesdeg.errors import BayesdegError
 from bayesdeg.progress import Progress
-from bayesdeg.surrogate.departure_training import (
-    MovedCurve,
-    departed,
-    end_of,
-    fit_departure,
-    load_shift,
-)
-from bayesdeg.surrogate.design import is_answered, second_stage, space_filling, third_stage
+from bayesdeg.surrogate.departure_training import MovedCurve, departed, fit_departure
+from bayesdeg.surrogate.design import is_answered, training_curves
 from bayesdeg.surrogate.fit import (
     BY_ITSELF,
     NEAR,
-    OF_CHANNELS,
     FitTerms,
     Solved,
     counted,
     train,
     with_forces,
-    with_small_effects,
 )
 from bayesdeg.surrogate.kept import (
     FIT_VERSION,
@@ -88,12 +79,9 @@ def runs(
         coarse, fine = map(list, design.nominal)
         held = (False, True) if design.with_forces else held
     else:
-        span = TrainingRange()
-        coarse = space_filling(span, recipe.coarse_runs, seed=recipe.seed)
-        fine = coarse[: recipe.fine_runs]
-        if recipe.has_further_stages:
-            further, finer = second_stage(span, coarse, recipe.fine_runs)
-            coarse, fine = [*coarse, *further], [*fine, *finer]
+        coarse, fine = training_curves(
+            TrainingRange(), recipe.coarse_runs, recipe.fine_runs, seed=recipe.seed
+        )
     found = [
         Run(
             *(geometry, mesh, with_layer(geometry, curve), Kind.SAMPLES, tip),
@@ -105,16 +93,7 @@ def runs(
     ]
     if design is not None:
         return found + [run for tip in held for run in _moved(geometry, recipe, design, tip)]
-    return found + _runs_of_single_causes(geometry, recipe)
-
-
-def _runs_of_single_causes(geometry: Moulded, recipe: Recipe) -> list[Run]:
-    """Return the runs that train small causes in an emulator of the whole range."""
-    curves = third_stage(TrainingRange()) if recipe.has_further_stages else []
-    return [
-        Run(geometry, recipe.fine_mesh, curve, Kind.SAMPLES, backend=recipe.backend)
-        for curve in curves
-    ]
+    return found
 
 
 def _moved(geometry: Moulded, recipe: Recipe, design: LocalDesign, held: bool) -> Iterator[Run]:
@@ -373,19 +352,13 @@ Pairs = Sequence[tuple[Run, PathSamples]]
 
 
 def _trained_over_range(geometry: Moulded, recipe: Recipe, pairs: Pairs) -> Surrogate:
-    single = set(_runs_of_single_causes(geometry, recipe))
-    rest = [(run, found) for run, found in pairs if run not in single]
-    surrogate = train(
-        *(_on(recipe.coarse_mesh, rest), _on(recipe.fine_mesh, rest)),
+    return train(
+        *(_on(recipe.coarse_mesh, pairs), _on(recipe.fine_mesh, pairs)),
         span=TrainingRange(),
         length=geometry.dimensions.length,
         mesh_error=mesh_error_of(geometry),
         record=_record_of(geometry, recipe, WHOLE_RANGE),
     )
-    if not single:
-        return surrogate
-    alone = [(run, found) for run, found in pairs if run in single]
-    return with_small_effects(surrogate, *_on(recipe.fine_mesh, alone))
 
 
 def _trained_for_study(
@@ -422,9 +395,7 @@ def _on(mesh: Resolution, pairs: Pairs, *, held: bool = False) -> Solved:
 
 def local_terms(geometry: Moulded) -> FitTerms:
     """Return the terms of an emulator for one study."""
-    if has_ground(geometry):
-        return NEAR
-    return OF_CHANNELS if geometry.dimensions.kind == "cylindrical" else BY_ITSELF
+    return NEAR if has_ground(geometry) else BY_ITSELF
 
 
 def _record_of(geometry: Moulded, recipe: Recipe, design: str) -> dict[str, object]:
@@ -454,26 +425,16 @@ def _with_departure(
         _departures(surrogate, geometry, recipe, design, solved, held=held)
         for held in (False, True)
     )
-    moved = {k for found in free for k in np.flatnonzero(found.one.away)}
+    moved = {k for one, _ in free for k in np.flatnonzero(one.away)}
     if len(moved) < len(design.dimensions) or design.with_forces != bool(held):
         raise BayesdegError(
             "curves with a changed uncertain dimension end too early to be usable; give it a "
             "narrower law"
         )
-    shapes, forces = ([(one, away) for one, away, _ in part] for part in (free, held))
-    ends = [(one, end) for one, _, end in free]
-    found = fit_departure(design.dimensions, shapes, forces, ends, design.span)
+    found = fit_departure(design.dimensions, free, held)
     record = json.loads(surrogate.record)
     record["dimensions_moved"] = found.facts
     return replace(surrogate, departure=found.departure, record=json.dumps(record, indent=1))
-
-
-class _Departed(NamedTuple):
-    """A moved curve, its departure, and the change of ln of the load at its end."""
-
-    one: MovedCurve
-    away: Observed
-    end: float
 
 
 def _departures(
@@ -484,10 +445,12 @@ def _departures(
     solved: Mapping[Run, PathSamples],
     *,
     held: bool,
-) -> list[_Departed]:
+) -> list[tuple[MovedCurve, Observed]]:
     """Return departures of usable moved curves from their unmoved twins."""
-    steepest, found = local_terms(geometry).steepest, []
-    observed = observe_force if held else partial(observe, steepest=steepest)
+    found = []
+    observed = partial(observe_force, length=surrogate.length)
+    if not held:
+        observed = partial(observe, length=surrogate.length, compliance=surrogate.compliance)
     for one, run in zip(design.moved, _moved(geometry, recipe, design, held), strict=True):
         curve = with_layer(geometry, one.curve)
         still = replace(run, geometry=geometry, curve=curve, origin=None)
@@ -498,15 +461,12 @@ def _departures(
         )
         if not is_answered(curves[0], design.span):
             continue
-        pairs = list(zip(curves, samples, strict=True))
-        first, second = (
-            observed(*pair, span=design.span, length=surrogate.length) for pair in pairs
-        )
-        away = departed(first, second) if first is not None and second is not None else None
-        if first is None or away is None:
+        first, second = map(observed, curves, samples)
+        if first is None or second is None:
             continue
-        end = None if held else end_of(pairs[0], pairs[1], steepest)
-        found.append(_Departed(one, away, load_shift(first, away) if end is None else end))
+        away = departed(first, second)
+        if away is not None:
+            found.append((one, away))
     return found
 
 

@@ -1,9 +1,11 @@
 """Coordinates in which the map is nearly a polynomial, their derivatives, and rows of inputs.
 
-Thin walls act like more pressure: the load enters as x = q e^W, with W the logarithm of a cause's
-factor on the initial slope of the curve. Slack paper matters until the pressure has stretched it,
-by about e = k q/(P + P₀), P being the paper's group: it enters as φ = s/(s + e), which is 0 for a
-tight paper and 1 for one without any effect.
+A curve is followed by its swelling t = ΔV/(c L³), the volume that the cavity swept, with c such
+that t ≈ p/M at first: unlike pressure it grows through ballooning. It enters as ln(1 + t). Slack
+paper matters until the actuator has stretched it, by about e = k t/(P + P₀), P being the paper's
+group: it enters as φ = s/(s + e), which is 0 for a tight paper and 1 for one without any effect.
+
+Where the tip is held, p/M takes the place of t.
 """
 
 import math
@@ -33,23 +35,15 @@ PAPER = NAMES.index("log_paper")
 SECOND_INVARIANT = NAMES.index("second_invariant")
 MISMATCH = NAMES.index("paper_mismatch")
 ALONG, UP = NAMES.index("gravity_along"), NAMES.index("gravity_up")
-LARGEST_WARPED = 1.5  # range of x [–]
+LARGEST_SWELLING = 14.0  # range of t [–]
 STRAIN, GIVE = 2.9, 30.0  # k [mm] and P₀ [mm] of the paper's strain
 LARGEST_SLACK_AND_MISMATCH = 1e-3  # largest slack and mismatch that may occur together [–]
 ROOM = 1e-9  # tolerance of a range for rounding, as a share of it
 GRAVITY_STRAIN = 60.0  # strain at rest over the group of gravity [mm]
 
-# first and second order of W in the scaled causes, from first slopes of the default geometry
-WARP = {
-    "second_invariant": (0.0, 0.0),
-    "skin": (-0.05, 0.0),
-    "wall_factor": (-0.42, 0.0),
-    "erosion": (0.4, 0.03),
-}
+WHOLE = math.log1p(LARGEST_SWELLING)
 _LOW, _HIGH = (np.array([getattr(g, end) for g in GROUPS]) for end in ("low", "high"))
 _WIDTH = _HIGH - _LOW
-_FIRST = np.array([WARP.get(cause.name, (0.0, 0.0))[0] for cause in CAUSES])
-_SECOND = np.array([WARP.get(cause.name, (0.0, 0.0))[1] for cause in CAUSES])
 
 
 @dataclass(frozen=True)
@@ -59,20 +53,14 @@ class Coordinates:
     Parameters
     ----------
     points : array, shape (n, 13)
-        Warped load and material on [−1, 1]; causes scaled to at most 1 in size, 0 if neutral; in
+        Swelling and material on [−1, 1]; causes scaled to at most 1 in size, 0 if neutral; in
         the order of ``NAMES``.
-    warp : array, shape (n,)
-        W [–].
     jacobian : array, shape (n, 13, 13)
-        Derivatives of the points by load and groups, ``jacobian[:, point, group]``.
-    warp_gradient : array, shape (n, 13)
-        Derivatives of W by load and groups.
+        Derivatives of the points by swelling and groups, ``jacobian[:, point, group]``.
     """
 
     points: Floats
-    warp: Floats
     jacobian: Floats
-    warp_gradient: Floats
 
 
 def scaled_material(values: Floats) -> Floats:
@@ -95,45 +83,49 @@ def scaled_cause(name: str, value: Floats) -> tuple[Floats, Floats]:
     return (value - group.neutral) / size, np.full(np.shape(value), 1.0 / size)
 
 
-def warp_of(causes: Floats) -> tuple[Floats, Floats]:
-    """Return W and its derivative by the scaled causes (…, 9)."""
-    value: Floats = causes @ _FIRST + (causes * causes) @ _SECOND
-    return value, _FIRST + 2.0 * _SECOND * causes
+def unit_swelling(swelling: Floats) -> Floats:
+    """Map t from its range to [−1, 1].
+
+    Examples
+    --------
+    >>> unit_swelling(np.array([0.0, LARGEST_SWELLING])).tolist()
+    [-1.0, 1.0]
+    """
+    unit: Floats = 2.0 / WHOLE * np.log1p(swelling) - 1.0
+    return unit
+
+
+def unit_rate(swelling: Floats) -> Floats:
+    """Return the derivative of `unit_swelling` by ln t."""
+    rate: Floats = 2.0 / WHOLE * swelling / (1.0 + swelling)
+    return rate
 
 
 def paper_give(log_paper: Floats) -> Floats:
-    """Return e/q = k/(P + P₀): strain of the paper over the load [–]."""
+    """Return e/t = k/(P + P₀): strain of the paper over the swelling [–]."""
     give: Floats = STRAIN / (np.exp(log_paper) + GIVE)
     return give
 
 
 def coordinates(groups: Floats) -> Coordinates:
-    """Return coordinates and derivatives at loads and groups, (n, 13) in the order of ``NAMES``."""
+    """Return coordinates and derivatives at swelling and groups, (n, 13) in the order of ``NAMES``.
+
+    The swelling is in the place of the load.
+    """
     count = len(groups)
     points, jacobian = np.zeros((count, len(NAMES))), np.zeros((count, len(NAMES), len(NAMES)))
-    material = slice(1, 1 + N_MATERIAL)
+    swelling, material = groups[:, 0], slice(1, 1 + N_MATERIAL)
+    points[:, 0] = unit_swelling(swelling)
+    jacobian[:, 0, 0] = 2.0 / WHOLE / (1.0 + swelling)
     points[:, material] = scaled_material(groups[:, material])
     for k, group in enumerate(MATERIAL, start=1):
         jacobian[:, k, k] = 2.0 / (group.high - group.low)
-    slopes = np.zeros((count, N_CAUSES))
-    for k, cause in enumerate(CAUSES):
-        points[:, 1 + N_MATERIAL + k], slopes[:, k] = scaled_cause(
-            cause.name, groups[:, 1 + N_MATERIAL + k]
-        )
-    causes = slice(1 + N_MATERIAL, None)
-    warp, by_causes = warp_of(points[:, causes])
-    warp_gradient = np.zeros((count, len(NAMES)))
-    warp_gradient[:, causes] = by_causes * slopes
-    at = np.arange(1 + N_MATERIAL, len(NAMES))
-    jacobian[:, at, at] = slopes
-    scale = 2.0 / LARGEST_WARPED * np.exp(warp)
-    points[:, 0] = scale * groups[:, 0] - 1.0
-    jacobian[:, 0, 0] = scale
-    jacobian[:, 0, 1:] = (scale * groups[:, 0])[:, None] * warp_gradient[:, 1:]
-    # φ = s/(s + e q) replaces the scaled slack
-    load, slack, log_paper = groups[:, 0], groups[:, SLACK], groups[:, PAPER]
+    for k, cause in enumerate(CAUSES, start=1 + N_MATERIAL):
+        points[:, k], jacobian[:, k, k] = scaled_cause(cause.name, groups[:, k])
+    # φ = s/(s + e) replaces the scaled slack
+    slack, log_paper = groups[:, SLACK], groups[:, PAPER]
     give = paper_give(log_paper)
-    strain = give * load
+    strain = give * swelling
     felt = np.where(slack > 0.0, slack, 1.0)
     phi = np.where(slack > 0.0, felt / (felt + strain), 0.0)
     jacobian[:, SLACK, :] = 0.0
@@ -147,7 +139,7 @@ def coordinates(groups: Floats) -> Coordinates:
     paper = np.exp(log_paper)
     jacobian[:, SLACK, 0] = by_strain * give
     jacobian[:, SLACK, PAPER] = by_strain * strain * (-paper / (paper + GIVE))
-    return Coordinates(points, warp, jacobian, warp_gradient)
+    return Coordinates(points, jacobian)
 
 
 def inside(groups: Floats, span: TrainingRange) -> NDArray[np.bool_]:
@@ -186,8 +178,6 @@ class Batch:
         Whether all groups of a row lie in their ranges.
     scaled : array, shape (13, n_rows)
         Material on [−1, 1] and scaled causes, the slack by its range; 0 in rows outside.
-    warp : array, shape (n_rows, 1)
-        W [–].
     """
 
     shape: tuple[int, ...]
@@ -195,7 +185,6 @@ class Batch:
     groups: Floats
     within: Flags
     scaled: Floats
-    warp: Floats
 
     @classmethod
     def of(cls, inputs: Inputs, span: TrainingRange, *, one_by_one: bool = False) -> Self:
@@ -221,15 +210,23 @@ class Batch:
                 room = ROOM * _WIDTH[k - 1]
                 within &= groups[k] >= span.lower[k - 1] - room
                 within &= groups[k] <= span.upper[k - 1] + room
-        scaled, warp = _scaled(groups, within, tuple(given))
+        scaled = _scaled(groups, within, tuple(given))
         columns = shape[-1] if curves and shape else 1
         loads = np.broadcast_to(load, shape).reshape(-1, columns)
-        return cls(shape, loads, groups, within, scaled, warp[:, None])
+        return cls(shape, loads, groups, within, scaled)
+
+    @classmethod
+    def of_groups(cls, groups: Floats, loads: Floats, span: TrainingRange) -> Self:
+        """Return a row for each of (n, 12) groups, with one load each (n,)."""
+        within = np.asarray(np.all(inside(groups, span), axis=1))
+        whole = np.vstack([np.zeros(len(loads)), groups.T])
+        scaled = _scaled(whole, within, NAMES[1:])
+        return cls((len(loads), 1), loads[:, None], whole, within, scaled)
 
     @property
     def row_shape(self) -> tuple[int, ...]:
         """Shape of the rows: that of the inputs, with one column unless each point is a row."""
-        points = len(self.warp) == np.prod(self.shape)
+        points = len(self.within) == np.prod(self.shape)
         return self.shape if points else (*self.shape[:-1], 1)
 
     def brought_inside(self, span: TrainingRange) -> tuple[Self, Floats]:
@@ -253,16 +250,15 @@ class Batch:
         off = (given - inner) / _WIDTH[:, None]
         known = np.all(np.isfinite(given), axis=0)
         groups, within = self.groups.copy(), self.within.copy()
-        scaled, warp, distance = self.scaled.copy(), self.warp.copy(), np.zeros(len(within))
+        scaled, distance = self.scaled.copy(), np.zeros(len(within))
         groups[1:, rows], within[rows] = np.where(known, inner, given), known
-        scaled[:, rows], warp[rows, 0] = _scaled(groups[:, rows], known, NAMES[1:])
+        scaled[:, rows] = _scaled(groups[:, rows], known, NAMES[1:])
         distance[rows] = np.where(known, np.sqrt(np.sum(off**2, axis=0)), 0.0)
-        return replace(self, groups=groups, within=within, scaled=scaled, warp=warp), distance
+        return replace(self, groups=groups, within=within, scaled=scaled), distance
 
     def largest_load(self, span: TrainingRange) -> Floats:
         """Return the largest trained p/M, (n_rows,); meaningless in rows outside."""
-        warped = LARGEST_WARPED * np.exp(-self.warp[:, 0])
-        return np.minimum(warped, span.largest_load(self.scaled[_STIFFENING]))
+        return span.largest_load(self.scaled[_STIFFENING])
 
     def in_range(self, span: TrainingRange) -> Flags:
         """Return whether material and load lie in the range of the batch, of ``shape``.
@@ -272,15 +268,15 @@ class Batch:
         found = self.within[:, None] & (self.loads <= self.largest_load(span)[:, None])
         return found.reshape(self.shape)
 
-    def phi(self, loads: Floats) -> Floats:
-        """Return φ = s/(s + e q) at loads (n_rows, n_columns); 0 for tight paper."""
+    def phi(self, swelling: Floats) -> Floats:
+        """Return φ = s/(s + e) at t, (n_rows, n_columns); 0 for tight paper."""
         slack, give = (part[:, None] for part in self.slack)
         felt = np.where(slack > 0.0, slack, 1.0)
-        return np.where(slack > 0.0, felt / (felt + give * loads), 0.0)
+        return np.where(slack > 0.0, felt / (felt + give * swelling), 0.0)
 
     @property
     def slack(self) -> tuple[Floats, Floats]:
-        """The paper's slack s and its strain over the load e/q, each (n_rows,); 0 in rows outside.
+        """Slack s of the paper and its strain over the swelling e/t, (n_rows,); 0 in rows outside.
 
         The strain is 0 if no paper is slack.
         """
@@ -290,8 +286,8 @@ class Batch:
         return slack, paper_give(np.where(self.within, self.groups[PAPER], 0.0))
 
 
-def _scaled(groups: Floats, within: Flags, given: tuple[str, ...]) -> tuple[Floats, Floats]:
-    """Return the scaled groups and W; a cause not given is neutral, 0."""
+def _scaled(groups: Floats, within: Flags, given: tuple[str, ...]) -> Floats:
+    """Return the scaled groups; a cause not given is neutral, 0."""
     scaled = np.zeros_like(groups)
     material = slice(1, 1 + N_MATERIAL)
     with np.errstate(over="ignore"):
@@ -300,6 +296,4 @@ def _scaled(groups: Floats, within: Flags, given: tuple[str, ...]) -> tuple[Floa
             scaled[NAMES.index(name)] = scaled_cause(name, groups[NAMES.index(name)])[0]
     if not np.all(within):
         scaled[:, ~within] = 0.0
-    if not set(WARP).intersection(given):
-        return scaled, np.zeros(len(within))
-    return scaled, warp_of(scaled[1 + N_MATERIAL :].T)[0]
+    return scaled

@@ -6,7 +6,7 @@ of `bayesdeg.surrogate.surrogate` is
 .. math:: Y(x; \delta) = Y(x) + \sum_p \delta^p A_p(x)
 
 over powers p of one dimension, and products of two. The A are smooth in the emulator's own
-coordinates x. The load at which curves end departs likewise, with constant coefficients.
+coordinates x.
 """
 
 from collections.abc import Mapping
@@ -17,8 +17,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.actuator.inputs import Asked
-from bayesdeg.surrogate.coordinates import SLACK, Batch
+from bayesdeg.actuator.demand import MEASURES
+from bayesdeg.surrogate.coordinates import SLACK, Batch, unit_rate, unit_swelling
 from bayesdeg.surrogate.terms import Terms, evaluate, stacked
 
 Floats = NDArray[np.float64]
@@ -26,6 +26,8 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 ROOM = 1e-6  # of a step: tolerance of the range
+SHAPE = 3  # outputs of the shape
+OF_LOAD = SHAPE + len(MEASURES)  # place of the load among the outputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +43,10 @@ class Departure:
     powers : array of int, shape (n_parts, n_dimensions)
         Powers of δ in each part.
     parts : tuple of Terms
-        A of each part, with one output per output of the map.
+        A of each part, with one output per output of the map: ``OUTPUTS``, ``MEASURES``, the load
+        and, if it was trained, the force of a held tip.
     error : array, shape (n_parts, n_outputs)
         Standard error of each output's Y for a δ^p of 1 [–].
-    limits, limit_error : array, shape (n_parts,)
-        Change of ln of the load up to which curves are smooth, and its standard error [–].
-    further : tuple of str
-        Outputs besides the shape; they come last.
     """
 
     names: tuple[str, ...]
@@ -55,9 +54,6 @@ class Departure:
     powers: Indices
     parts: tuple[Terms, ...]
     error: Floats
-    limits: Floats
-    limit_error: Floats
-    further: tuple[Asked, ...] = ()
 
     def away(self, given: Mapping[str, Floats], rows: tuple[int, ...]) -> Floats:
         """Return δ of given dimensions, 0 for others, (n_dimensions, n_rows)."""
@@ -92,14 +88,28 @@ class Departure:
         sizes: Floats = np.prod(away[None] ** self.powers[:, :, None], axis=1)
         return sizes
 
-    def limit(self, away: Floats) -> tuple[Floats, Floats]:
-        """Return the change of ln of the limit and its standard error, each (n_rows,)."""
-        sizes = self.sizes(away)
-        error = np.sqrt(np.square(self.limit_error) @ np.square(sizes))
-        return self.limits @ sizes, error
+    def change_of_load(self, batch: Batch, away: Floats, shape: tuple[int, int]) -> Floats:
+        """Return what is added to the load's series in the swelling, (n_slots, n_rows).
+
+        ``shape`` are the series' orders, and powers of φ.
+        """
+        change = np.zeros((shape[1], shape[0], away.shape[1]))
+        for part, size in zip(self.parts, self.sizes(away), strict=True):
+            own = part.output(OF_LOAD)
+            for power, order in np.unique(own.orders[:, [SLACK, 0]], axis=0):
+                if power < shape[1]:
+                    these = np.all(own.orders[:, [SLACK, 0]] == (power, order), axis=1)
+                    orders = own.orders[these]
+                    orders[:, [SLACK, 0]] = 0
+                    there = np.zeros((away.shape[1], 1))
+                    found = evaluate(
+                        Terms(orders, own.coefficients[:, these]), batch.scaled, there, there
+                    )
+                    change[power, order] += size * found[0, :, 0]
+        return change.reshape(-1, away.shape[1])
 
     def change(
-        self, places: tuple[int, ...], batch: Batch, away: Floats, warped: Floats, loads: Floats
+        self, places: tuple[int, ...], batch: Batch, away: Floats, along: Floats
     ) -> "Change":
         """Return the change of some outputs.
 
@@ -111,14 +121,14 @@ class Departure:
             Batch of the inputs.
         away : array, shape (n_dimensions, n_rows)
             δ.
-        warped, loads : array, shape (n_rows, n_columns)
-            Warped load on [−1, 1], and p/M.
+        along : array, shape (n_rows, n_columns)
+            Swelling t, or p/M of a held tip.
         """
-        sizes, phi = self.sizes(away), batch.phi(loads)
-        found = evaluate(_of_outputs(self, places), batch.scaled, warped, phi)
-        found = found.reshape(len(self.parts), len(places) + 2, *warped.shape)
-        *values, by_load, by_phi = np.einsum("pr,porc->orc", sizes, found)
-        growth = (warped + 1.0) * by_load - phi * (1.0 - phi) * by_phi
+        sizes, phi = self.sizes(away), batch.phi(along)
+        found = evaluate(_of_outputs(self, places), batch.scaled, unit_swelling(along), phi)
+        found = found.reshape(len(self.parts), len(places) + 2, *along.shape)
+        *values, by_place, by_phi = np.einsum("pr,porc->orc", sizes, found)
+        growth = unit_rate(along) * by_place - phi * (1.0 - phi) * by_phi
         variance = np.square(self.error[:, list(places)]).T @ np.square(sizes)
         return Change(np.exp(np.stack(values)), growth, variance[..., None])
 
@@ -129,8 +139,6 @@ class Departure:
             "dimensions_ranges": self.ranges,
             "dimensions_powers": self.powers,
             "dimensions_error": self.error,
-            "dimensions_limits": np.stack([self.limits, self.limit_error]),
-            "dimensions_further": np.array(self.further, dtype=np.str_),
         }
         for k, part in enumerate(self.parts):
             arrays |= {f"dimensions_orders_{k}": part.orders}
@@ -143,8 +151,6 @@ class Departure:
         if "dimensions" not in arrays:
             return None
         powers = np.asarray(arrays["dimensions_powers"], dtype=np.int64)
-        limits, limit_error = np.asarray(arrays["dimensions_limits"], dtype=np.float64)
-        known: dict[str, Asked] = {"cavity_volume": "cavity_volume", "tip_force": "tip_force"}
         return cls(
             names=tuple(str(name) for name in arrays["dimensions"]),
             ranges=np.asarray(arrays["dimensions_ranges"], dtype=np.float64),
@@ -157,9 +163,6 @@ class Departure:
                 for k in range(len(powers))
             ),
             error=np.asarray(arrays["dimensions_error"], dtype=np.float64),
-            limits=limits,
-            limit_error=limit_error,
-            further=tuple(known[str(name)] for name in arrays["dimensions_further"]),
         )
 
 
@@ -172,7 +175,7 @@ class Change:
     factor : array
         Factor of each output.
     growth : array, shape (n_rows, n_columns)
-        Change of the first one's logarithm with the logarithm of the load.
+        Change of the first one's logarithm with that of the swelling.
     variance : array, shape (n_outputs, n_rows, 1)
         Variance of the logarithm of the factors.
     """
@@ -181,22 +184,30 @@ class Change:
     growth: Floats
     variance: Floats
 
-    def applied(self, values: Floats) -> Floats:
+    def applied(self, values: Floats, rate: Floats) -> Floats:
         """Return curvature, bend angle, peak stretch, slope and three errors, all changed.
 
-        ``values``, shape (7, n_rows, n_columns), are those at the nominal dimensions.
+        It is a change of these and of the load, whose error adds to theirs.
+
+        ``values``, shape (7, n_rows, n_columns), are those at the nominal dimensions, ``rate`` is
+        d ln t/d ln q.
         """
         curvature, angle, stretch, slope, *sds = values
         sizes = (curvature, angle, stretch - 1.0)
-        changed = [size * factor for size, factor in zip(sizes, self.factor, strict=True)]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            growth = self.growth * rate + np.where(curvature > 0.0, slope / curvature, 1.0)
+        variances = self.variance[:SHAPE] + growth**2 * self.variance[SHAPE]
+        curvature, angle, strain = (
+            size * factor for size, factor in zip(sizes, self.factor[:SHAPE], strict=True)
+        )
         return np.stack(
             [
-                *changed[:2],
-                1.0 + changed[2],
-                self.factor[0] * (slope + curvature * self.growth),
+                *(curvature, angle, 1.0 + strain, curvature * growth),
                 *(
-                    self.factor[k] * np.sqrt(sd**2 + self.variance[k] * size**2)
-                    for k, (sd, size) in enumerate(zip(sds, sizes, strict=True))
+                    factor * np.sqrt(sd**2 + variance * size**2)
+                    for sd, size, factor, variance in zip(
+                        sds, sizes, self.factor[:SHAPE], variances, strict=True
+                    )
                 ),
             ]
         )
@@ -204,7 +215,7 @@ class Change:
 
 @lru_cache(maxsize=16)
 def _of_outputs(departure: Departure, places: tuple[int, ...]) -> Terms:
-    """Return some outputs of all parts, each with the first one's derivatives by load and slack."""
+    """Return some outputs of all parts, with derivatives of the first one along the curve."""
     parts = list[Terms]()
     for part in departure.parts:
         first = Terms(part.orders, part.coefficients[[places[0]]])

@@ -1,7 +1,7 @@
 """Train the departure of a map with dimensions: choice of curves, and their fit.
 
 Curves of the study's design are solved with a dimension changed by moving the mesh. The difference
-to the unmoved curve on the same mesh, at the same loads, hardly depends on the mesh; a few dozen
+to the unmoved curve on the same mesh, at the same swelling, hardly depends on the mesh; a few dozen
 coarse curves with derivatives determine it, and few fine ones correct it.
 """
 
@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from bayesdeg.actuator.curve import Curve, PathSamples
+from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.demand import MEASURES
 from bayesdeg.actuator.families import with_dimensions
-from bayesdeg.actuator.inputs import Asked
 from bayesdeg.actuator.moulded import Moulded
 from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.surrogate.departure import Departure
@@ -26,17 +25,16 @@ from bayesdeg.surrogate.regression import (
     EQUIVALENT,
     INSIDE,
     INSIDE_SD,
+    LOADS,
     STRETCH,
-    VOLUME,
     WEIBULL,
     Equations,
     Observed,
     Prior,
     fit_scaled,
-    reach,
     rows_of,
 )
-from bayesdeg.surrogate.scaling import CAUSES, TrainingRange
+from bayesdeg.surrogate.scaling import CAUSES
 from bayesdeg.surrogate.surrogate import OUTPUTS
 from bayesdeg.surrogate.terms import Family, Terms, stacked
 
@@ -59,10 +57,8 @@ OF_FINE = Family((1, 0, 0, 0), (0, 0, 0, 0), _NO_CAUSE)  # terms of the fine mes
 PRIOR = Prior(0.7, 0.5, 0.4, 3e-3)
 A_POWER = 0.4  # expected decay of coefficients per power
 LEAST_ERROR = 1e-4  # per step: rounding of the paths of two curves
-LEAST_END = 0.01  # standard error of ln(limit) per step
-UNSURE_END = 0.25  # the same, relative to the change: most ends are extrapolated
 
-BLOCKS = ((ANGLES, True), (STRETCH, False), (WEIBULL, True), (EQUIVALENT, False))
+BLOCKS = ((ANGLES, True), (STRETCH, False), (WEIBULL, True), (EQUIVALENT, False), (LOADS, True))
 """Outputs fitted together, and whether with derivatives."""
 
 
@@ -130,16 +126,16 @@ def moved_curves(
 
 
 def departed(nominal: Observed, moved: Observed) -> Observed | None:
-    """Return the departure of a moved curve at its loads; None if there are fewer than two.
+    """Return the departure of a moved curve at its swelling; None if there are fewer than two.
 
-    Readings of the unmoved curve in between are interpolated from its readings, and from their load
+    Readings of the unmoved curve in between are interpolated from its readings, and from their
     derivatives where known.
     """
-    low, high = nominal.load[[0, -1]]
-    inside = (moved.load >= low) & (moved.load <= high)
+    low, high = nominal.along[[0, -1]]
+    inside = (moved.along >= low) & (moved.along <= high)
     if np.count_nonzero(inside) < 2:
         return None
-    at = moved.load[inside]
+    at = moved.along[inside]
     values, gradients = moved.values[inside].copy(), moved.gradients[inside].copy()
     for k in range(values.shape[1]):
         value, slope = _between(nominal, k)
@@ -148,10 +144,10 @@ def departed(nominal: Observed, moved: Observed) -> Observed | None:
     known = np.isfinite(moved.first) & np.isfinite(nominal.first)
     first = np.where(known, moved.first, np.nan) - np.where(known, nominal.first, np.nan)
     parts = {name: part[inside] for name, part in vars(moved.coordinates).items()}
-    flat = {name: np.zeros_like(parts[name]) for name in ("warp", "warp_gradient")}
     return Observed(
-        replace(moved.coordinates, **(parts | flat)),
+        replace(moved.coordinates, **parts),
         at,
+        moved.load[inside],
         values,
         gradients,
         moved.weights[inside],
@@ -163,20 +159,20 @@ def departed(nominal: Observed, moved: Observed) -> Observed | None:
 Course = Callable[[Floats], Floats]
 
 
-def _unknown(load: Floats) -> Floats:
+def _unknown(along: Floats) -> Floats:
     """Return nan."""
     return np.full((1,), np.nan)
 
 
 def _between(run: Observed, k: int) -> tuple[Course, Course]:
-    """Return an output and its gradient between the loads of a run; nan where it is not known."""
+    """Return an output and its gradient between the readings of a run; nan where not known."""
     values, gradients = run.values[:, k], run.gradients[:, k]
     if not np.all(np.isfinite(values)):
         return _unknown, _unknown
     if not np.all(np.isfinite(gradients)):
-        return PchipInterpolator(run.load, values), _unknown
-    smooth = CubicHermiteSpline(run.load, values, gradients[:, 0])
-    return smooth, PchipInterpolator(run.load, gradients)
+        return PchipInterpolator(run.along, values), _unknown
+    smooth = CubicHermiteSpline(run.along, values, gradients[:, 0])
+    return smooth, PchipInterpolator(run.along, gradients)
 
 
 @dataclass(frozen=True)
@@ -234,7 +230,6 @@ class _Fitted:
 def _fit_block(
     found: Differences,
     outputs: Sequence[int],
-    span: TrainingRange,
     *,
     derivatives: bool,
     highest: int,
@@ -256,7 +251,7 @@ def _fit_block(
     equations = []
     for one, run in found:
         rows = [
-            rows_of(run, part.orders, outputs=list(outputs), span=span, derivatives=derivatives)
+            rows_of(run, part.orders, outputs=list(outputs), derivatives=derivatives)
             for part in parts
         ]
         columns = [
@@ -274,7 +269,7 @@ def _fit_block(
         )
         coefficients = best.without(Equations(np.vstack(matrices), np.vstack(targets), 0))
         for k in members:
-            one_run, weights = equations[k], found[k][1].weights
+            one_run, weights = equations[k], found[k][1].weights_of(outputs)
             gap = one_run.targets - one_run.matrix @ coefficients.T
             error = gap[: one_run.n_values]
             left_out.append(error / weights[:, None])
@@ -297,35 +292,23 @@ def fit_departure(
     dimensions: Sequence[UncertainDimension],
     free: Differences,
     held: Differences,
-    ends: Sequence[tuple[MovedCurve, float]],
-    span: TrainingRange,
 ) -> TrainedDeparture:
     """Fit the departure of outputs with dimensions.
 
-    ``free`` and ``held`` are departures of the shape, and of the force at a held tip; ``ends`` are
-    changes of ln of the load up to which curves are smooth. The highest power minimises held-out
-    errors of curvature.
+    ``free`` and ``held`` are departures of the shape, and of the force at a held tip. The highest
+    power minimises held-out errors of curvature.
     """
-    tried = {
-        power: _fit_block(free, (0,), span, derivatives=True, highest=power) for power in BY_POWER
-    }
+    tried = {power: _fit_block(free, (0,), derivatives=True, highest=power) for power in BY_POWER}
     highest = min(tried, key=lambda power: tried[power].rms)
     blocks: list[tuple[Sequence[int], _Fitted, Differences]] = []
-    further: list[Asked] = []
-    whole = list(BLOCKS)
-    if all(np.all(np.isfinite(run.values[:, VOLUME])) for _, run in free):
-        whole.append((VOLUME, True))
-        further.append("cavity_volume")
-    for outputs, smooth in whole:
-        fitted = _fit_block(free, outputs, span, derivatives=smooth, highest=highest)
+    for outputs, smooth in BLOCKS:
+        fitted = _fit_block(free, outputs, derivatives=smooth, highest=highest)
         blocks.append((outputs, fitted, free))
     if held:
-        further.append("tip_force")
-        fitted = _fit_block(held, (0,), span, derivatives=True, highest=highest)
+        fitted = _fit_block(held, (0,), derivatives=True, highest=highest)
         blocks.append(((0,), fitted, held))
     powers = [p for p, _ in blocks[0][1].terms()]
     error = np.hstack([_errors(powers, fitted, of) for _, fitted, of in blocks])
-    limits, limit_error = _limits(powers, ends)
     departure = Departure(
         names=tuple(one.name for one in dimensions),
         ranges=np.array([(one.median, one.step, one.low, one.high) for one in dimensions]),
@@ -334,11 +317,8 @@ def fit_departure(
             stacked([fitted.terms()[k][1] for _, fitted, _ in blocks]) for k in range(len(powers))
         ),
         error=error,
-        limits=limits,
-        limit_error=limit_error,
-        further=tuple(further),
     )
-    return TrainedDeparture(departure, _facts(dimensions, blocks, further, highest))
+    return TrainedDeparture(departure, _facts(dimensions, blocks, highest))
 
 
 def _errors(powers: Sequence[tuple[int, ...]], fitted: _Fitted, found: Differences) -> Floats:
@@ -370,58 +350,13 @@ def _errors(powers: Sequence[tuple[int, ...]], fitted: _Fitted, found: Differenc
     return error
 
 
-def _limits(
-    powers: Sequence[tuple[int, ...]], ends: Sequence[tuple[MovedCurve, float]]
-) -> tuple[Floats, Floats]:
-    """Fit the change of ln of the limit by constants; return their standard errors too."""
-    away = np.array([one.away for one, _ in ends])
-    scales = np.array([A_POWER ** (sum(p) - 1.0) for p in powers])
-    matrix = np.prod(away[:, None] ** np.array(powers)[None], axis=2)
-    change = np.array([value for _, value in ends])
-    scaled = matrix * scales
-    normal = scaled.T @ scaled + PRIOR.noise**2 * np.eye(len(powers))
-    found = scales * np.linalg.solve(normal, scaled.T @ change)
-    missed = (change - matrix @ found) / np.sqrt(np.sum(away**2, axis=1))
-    spread = np.sqrt(np.sum(missed**2) / max(1, len(ends) - len(powers)))
-    least = max(float(spread), LEAST_END)
-    of_one = np.array([sum(p) == 1 for p in powers])
-    return found, np.where(of_one, np.maximum(UNSURE_END * np.abs(found), least), 0.0)
-
-
-def end_of(
-    nominal: tuple[Curve, PathSamples], moved: tuple[Curve, PathSamples], steepest: float
-) -> float | None:
-    """Return the change of ln of the load up to which a curve is smooth; None if unknown.
-
-    For a curve smooth to its end only a lower bound is known.
-    """
-    first, second = (reach(*one, steepest) for one in (nominal, moved))
-    if first.open or second.open or min(first.load, second.load) <= 0.0:
-        return None
-    return float(np.log(second.load / first.load))
-
-
-def load_shift(nominal: Observed, away: Observed) -> float:
-    r"""Return the change of ln load equivalent to a departure, at the last load of both.
-
-    .. math:: s = -\frac{\Delta \ln \kappa}{d \ln \kappa / d \ln q}
-
-    Where curves balloon this moves their end: they end when the effective load reaches that at the
-    end of the unmoved curve. It is used where no curve was followed to its end.
-    """
-    growth = 1.0 + nominal.load * nominal.gradients[:, 0, 0]
-    at = float(np.interp(away.load[-1], nominal.load, growth))
-    return float(-away.values[-1, 0] / at)
-
-
 def _facts(
     dimensions: Sequence[UncertainDimension],
     blocks: Sequence[tuple[Sequence[int], _Fitted, Differences]],
-    further: Sequence[Asked],
     highest: int,
 ) -> dict[str, object]:
     """Return facts for the record: ranges, and the largest error of each held-out curve [%]."""
-    names = [*OUTPUTS, *MEASURES, *further]
+    names = [*OUTPUTS, *MEASURES, "load", "tip_force"]
     worst = [
         (found[k][0].away, np.max(np.abs(fitted.left_out * fitted.weight[:, None])[rows], axis=0))
         for _, fitted, found in blocks

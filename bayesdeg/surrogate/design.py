@@ -1,8 +1,6 @@
 """Choose curves to solve: designs over the whole range, and curves typical of studies."""
 
-import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +8,7 @@ from scipy.stats import qmc
 
 from bayesdeg.actuator.curve import Curve
 from bayesdeg.actuator.material import MaterialGroups
-from bayesdeg.surrogate.coordinates import inside
+from bayesdeg.surrogate.coordinates import inside, scaled_material
 from bayesdeg.surrogate.scaling import MATERIAL, NOMINAL_THICKNESS, Place, TrainingRange
 
 Floats = NDArray[np.float64]
@@ -93,9 +91,6 @@ def _effects(generator: np.random.Generator, *, weight: float) -> list[dict[str,
 # dense at the start of the curve, to determine the initial slope
 LOAD_SHARES = tuple(float(x) for x in (np.arange(1, 15) / 14.0) ** 1.3)
 
-SECOND_STAGE = Path(__file__).with_name("second_stage.json")
-CANDIDATES, CANDIDATES_SEED = 512, 12
-
 # probabilities of none, one, two … active causes
 ACTIVE = (0.2, 0.3, 0.3, 0.15, 0.05)
 GRAVITY_ALONG = 0.4  # share of the curves with gravity in which it acts along the actuator
@@ -161,20 +156,52 @@ def space_filling(span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
     return curves
 
 
-def candidates(span: TrainingRange) -> list[Curve]:
-    """Return candidate curves for the second stage.
+def training_curves(
+    span: TrainingRange, coarse: int, fine: int, *, seed: int
+) -> tuple[list[Curve], list[Curve]]:
+    """Return the curves of an emulator of the whole range, for the coarse and for the fine mesh.
 
-    Half of them fill the space, half are typical of studies, so that the choice is weighted by what
-    is likely. None is held out.
+    Two thirds of the coarse ones fill the space, the others are typical of studies; of the fine
+    ones, which are among them, three quarters are typical.
+
+    Examples
+    --------
+    >>> many, few = training_curves(TrainingRange(), 12, 4, seed=1)
+    >>> len(many), len(few), set(few) <= set(many)
+    (12, 4, True)
     """
-    filling = space_filling(span, CANDIDATES, seed=CANDIDATES_SEED)
-    return [curve for curve in filling if is_answered(curve, span)] + likely(span)
+    filling = space_filling(span, coarse - coarse // 3, seed=seed)
+    usual = typical(span, coarse // 3, seed=seed)
+    return [*filling, *usual], [*filling[: fine - 3 * fine // 4], *usual[: 3 * fine // 4]]
 
 
-def likely(span: TrainingRange) -> list[Curve]:
-    """Return curves typical of studies, over which a second stage lowers the error."""
-    drawn = (_within(curve, span) for curve in study_like(CANDIDATES, seed=CANDIDATES_SEED))
-    return [curve for curve in drawn if is_answered(curve, span)]
+# positions in the result of `_effects`, in turn: weight (5), skin (1) and mismatch (4), whose
+# effects are small, occur more often
+IN_TURN = (5, 1, 4, 0, 5, 6, 1, 4, 5, 3, 7, 2)
+FURTHER = 1.5  # loads trained over those of studies, for softer materials and higher pressures
+
+
+def typical(span: TrainingRange, count: int, *, seed: int) -> list[Curve]:
+    """Return curves typical of studies, every other one with a single cause, all in turn.
+
+    Examples
+    --------
+    >>> len(typical(TrainingRange(), 3, seed=1))
+    3
+    """
+    generator, curves = np.random.default_rng(seed), list[Curve]()
+    while len(curves) < count:
+        turn, is_single = divmod(len(curves), 2)
+        base, c1, scale = _usual_material(generator)
+        effects = _effects(generator, weight=_weight(c1, scale))
+        number = int(generator.choice(len(ACTIVE_HELD_OUT), p=ACTIVE_HELD_OUT))
+        chosen = generator.permutation(len(effects))[:number].tolist()
+        for k in [IN_TURN[turn % len(IN_TURN)]] if is_single else chosen:
+            base |= effects[k]
+        curve = _within(_at_pressures(MaterialGroups(**base), c1), span)
+        if is_answered(curve, span):
+            curves.append(curve)
+    return curves
 
 
 def is_answered(curve: Curve, span: TrainingRange) -> bool:
@@ -183,54 +210,9 @@ def is_answered(curve: Curve, span: TrainingRange) -> bool:
 
 
 def _within(curve: Curve, span: TrainingRange) -> Curve:
-    """Return the curve with the standard number of loads, up to its or the range's end."""
-    largest = min(curve.loads[-1], span.load)
-    return replace(curve, loads=tuple(largest * share for share in LOAD_SHARES))
-
-
-def second_stage(span: TrainingRange, first: list[Curve], fine: int) -> tuple[list[Curve], ...]:
-    """Return additional curves for the coarse and for the fine mesh.
-
-    ``benchmarks/second_stage.py`` made the choice for the ``first`` stage on the coarse mesh, of
-    which the first ``fine`` curves are solved on the fine mesh too.
-    """
-    chosen = json.loads(SECOND_STAGE.read_text(encoding="utf-8"))
-    pool = candidates(span)
-    coarse = [pool[index] for index in chosen["coarse"]]
-    twins = [*first[fine:], *coarse]
-    return coarse, [twins[index] for index in chosen["fine"]]
-
-
-# positions in the result of `_effects`, in turn: weight (5), skin (1) and mismatch (4), whose
-# effects are small, occur more often; they are also trained together with a second cause
-IN_TURN = (5, 1, 4, 0, 5, 6, 1, 4, 5, 0, 7, 2)
-THIRD_RUNS, THIRD_SEED = 60, 14
-SHORT = 0.3  # of the largest load, where every other curve ends: a small weight is visible there
-
-
-def third_stage(span: TrainingRange) -> list[Curve]:
-    """Return curves for the fine mesh with one cause each, at materials typical of studies.
-
-    Their exact derivatives determine small causes. Slack of the paper is not among them: what
-    counts there is the load at which it is taken up.
-
-    Examples
-    --------
-    >>> len(third_stage(TrainingRange()))
-    60
-    """
-    generator = np.random.default_rng(THIRD_SEED)
-    curves: list[Curve] = []
-    while len(curves) < THIRD_RUNS:
-        number = len(curves)
-        base, c1, scale = _usual_material(generator)
-        effects = _effects(generator, weight=_weight(c1, scale))
-        material = MaterialGroups(**base | effects[IN_TURN[number % len(IN_TURN)]])
-        curve = _within(_at_pressures(material, c1), span)
-        if is_answered(curve, span):
-            share = (1.0, SHORT)[(number + number // len(IN_TURN)) % 2]
-            curves.append(replace(curve, loads=tuple(share * load for load in curve.loads)))
-    return curves
-
-
-SHARES = (0.3, 0.65, 1.0)  # of a curve's largest load, where it is evaluated
+    """Return the curve with the standard loads, up to those trained or the range's end."""
+    place = Place.of(curve.material)
+    stiffening = scaled_material(np.array(place.values[: len(MATERIAL)]))[1]
+    end = float(span.largest_load(stiffening)) * place.modulus
+    end = min(FURTHER * curve.loads[-1], end)
+    return replace(curve, loads=tuple(end * share for share in LOAD_SHARES))

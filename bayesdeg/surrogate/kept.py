@@ -26,8 +26,6 @@ from bayesdeg.data.uncertain import UncertainDimension
 from bayesdeg.errors import BayesdegError
 from bayesdeg.files import EMULATOR_MB, OF_DAMAGED_ARCHIVES, read_bytes, reason
 
-FIRST_STAGE = (512, 96, 11)  # numbers of runs and seed for which the second stage was chosen
-
 
 @dataclass(frozen=True)
 class Recipe:
@@ -41,32 +39,23 @@ class Recipe:
         Numbers of curves.
     seed : int
         Seed of the design.
-    further : bool
-        Whether additional stages follow: a second one where the first was least certain, and a
-        third one of single causes; they exist for the default numbers and seed only.
     backend : Backend
         Assembly of the equations.
 
     Examples
     --------
     >>> Recipe().coarse_runs, Recipe().fine_runs
-    (512, 96)
+    (300, 48)
     """
 
     coarse_mesh: Resolution = field(
         default_factory=lambda: Resolution(along=2.5, across=2.5, up=2.1)
     )
     fine_mesh: Resolution = CONVERGED
-    coarse_runs: int = 512
-    fine_runs: int = 96
+    coarse_runs: int = 300
+    fine_runs: int = 48
     seed: int = 11
-    further: bool = True
     backend: Backend = Backend.KERNELS
-
-    @property
-    def has_further_stages(self) -> bool:
-        """Whether additional stages follow the first one."""
-        return self.further and (self.coarse_runs, self.fine_runs, self.seed) == FIRST_STAGE
 
 
 SHIPPED = files("bayesdeg.surrogate") / "default.npz"
@@ -291,7 +280,7 @@ def search(
     return EmulatorSearch(None, path, tuple(reasons))
 
 
-FIT_VERSION = "4"  # raised when the same curves give a different emulator: it is then refitted
+FIT_VERSION = "5"  # raised when the same curves give a different emulator: it is then refitted
 COARSE_RUNS, FINE_RUNS = 24, 4
 """Number of curves of an emulator for one study, on either mesh."""
 DEPARTING, DEPARTING_FINE = 12, 1
@@ -301,7 +290,7 @@ fine one changes nothing."""
 PAIRED = 6
 """Number of them solved with two dimensions moved by a step together, per pair."""
 # time of a curve of the default geometry on one core (studies/scaling.md) [s]
-COARSE_SECONDS, FINE_SECONDS = 3.3, 27.0
+COARSE_SECONDS, FINE_SECONDS = 5.5, 50.0
 FITTING_SECONDS = 10.0
 # of the default pneunet, as for `Moulded.mesh_like`: a default ribbed segment then has 684 and
 # 1,118 elements, and its slits one along and in the depth
@@ -336,10 +325,10 @@ def local_recipe(dimensions: Mould) -> Recipe:
     2.0
     """
     if isinstance(dimensions, MeshDimensions):  # a single mesh, solved twice for a few curves
-        return Recipe(coarse_runs=COARSE_RUNS, fine_runs=FINE_RUNS, further=False)
+        return Recipe(coarse_runs=COARSE_RUNS, fine_runs=FINE_RUNS)
     shape = geometry_of(dimensions)
     coarse, fine = (shape.mesh_like(mesh) for mesh in MESHES[dimensions.kind])
-    return Recipe(coarse, fine, COARSE_RUNS, FINE_RUNS, further=False)
+    return Recipe(coarse, fine, COARSE_RUNS, FINE_RUNS)
 
 
 def rough_seconds(
@@ -359,7 +348,7 @@ def rough_seconds(
     Examples
     --------
     >>> round(rough_seconds(Dimensions()) / 60.0)
-    10
+    19
     >>> rough_seconds(Dimensions(length=100.0), workers=2) > rough_seconds(Dimensions(), workers=2)
     True
     """

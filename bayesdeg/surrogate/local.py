@@ -330,13 +330,9 @@ def curves_along(asked: InputDraws, span: TrainingRange, count: int, *, seed: in
     begun, number = generator.uniform(), np.arange(count)
     short = SHORTEST + (1.0 - SHORTEST) * ((begun + GOLDEN * number) % 1.0)
     loads = loads * np.where(number % 2 == 0, 1.0, short)
-    return [_curve(place, load, MANY_SHARES) for place, load in zip(places, loads, strict=True)]
+    return [_curve(place, load) for place, load in zip(places, loads, strict=True)]
 
 
-MANY_SHARES = tuple((np.arange(1, 41) / 40.0).tolist())
-"""Shares of the largest load at which a curve is read between its equilibria: quantiles have kinks.
-
-With twenty the error of a stretch was 0.50 %, with sixty 0.43 %."""
 SHORTEST = 0.06  # share of the largest load: below it curves follow their initial slope
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -351,7 +347,7 @@ def _inside(asked: InputDraws, span: TrainingRange) -> tuple[Floats, Floats]:
     return places, np.minimum(share, 1.0) * largest
 
 
-def _curve(values: Floats, load: float, shares: Sequence[float] = LOAD_SHARES) -> Curve:
+def _curve(values: Floats, load: float) -> Curve:
     place = Place(tuple(float(v) for v in values))
     largest = load * place.modulus
-    return Curve(tuple(float(largest * share) for share in shares), place.material())
+    return Curve(tuple(float(largest * share) for share in LOAD_SHARES), place.material())

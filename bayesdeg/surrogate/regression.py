@@ -1,17 +1,17 @@
 """Data of solved runs, and least squares over many terms.
 
-The prior standard deviation of a coefficient falls by a factor with every order in load, material
-or cause, so there may be more terms than the runs alone would determine. Whole runs are held out by
-the block form of the leave-one-out identity.
+The prior standard deviation of a coefficient falls by a factor with every order in swelling,
+material or cause, so there may be more terms than the runs alone would determine. Whole runs are
+held out by the block form of the leave-one-out identity.
 
-With q = p/M, a curve's logarithm y = ln(Δκ s L/q) is known at every equilibrium of its
-path, with its derivatives by load and groups; likewise for the bend angle and, with
-y = ln(ε/(q + q₀)), for the peak strain and all other measures of strain ε, q₀ the offset due to
-strain at rest; and, with y = ln(ΔV/(L³ q)), for the volume of the half model's cavity.
+With q = p/M and t = ΔV/(c L³) the swelling, a curve's logarithms ln(q/t) and y = ln(Δκ s L/t) are
+known at every equilibrium of its path, with their derivatives by swelling and groups; likewise for
+the bend angle and, with y = ln(ε/(t + b)), for the peak strain and all other measures of strain ε,
+b the offset due to strain at rest.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,8 @@ from bayesdeg.actuator.demand import MEASURES, WEIBULL_MODULI
 from bayesdeg.actuator.outputs import COLUMNS, OUTPUTS, PEAK, measured_strains
 from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.surrogate import coordinates as at
-from bayesdeg.surrogate.coordinates import Coordinates, coordinates
-from bayesdeg.surrogate.scaling import CAUSES, GROUPS, MATERIAL, NAMES, Place, TrainingRange
+from bayesdeg.surrogate.coordinates import LARGEST_SWELLING, Coordinates, coordinates
+from bayesdeg.surrogate.scaling import CAUSES, GROUPS, MATERIAL, NAMES, Place
 from bayesdeg.surrogate.surrogate import OUTPUTS as SHAPE_OUTPUTS
 from bayesdeg.surrogate.surrogate import stretch_offset
 from bayesdeg.surrogate.terms import N_CHEBYSHEV, feature_gradients, features
@@ -32,10 +32,10 @@ from bayesdeg.surrogate.terms import N_CHEBYSHEV, feature_gradients, features
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LIMIT_MARGIN = 0.97  # share of a limit load up to which a curve is emulated
-STEEPEST = 2.75  # where d ln κ / d ln p is larger a pneunet is about to balloon
+LIMIT_MARGIN = 0.97  # share of a limit load up to which a held tip is emulated
+TO = 0.99  # share of the limit pressure up to which errors at a given load are measured
 FLOOR = 0.15  # smallest weight of a reading, relative to the curve's largest
-COUNTED = [0, 1, -1]  # outputs relative to rest: curvature, bend angle, volume
+COUNTED = [0, 1, -1]  # quantities relative to rest: curvature, bend angle, volume
 QUANTILES = [2, -3, -2]  # at rest all stretches are equal, so their initial growth is unknown
 STRAINED = slice(2, -1)  # those strained at rest too, where mismatch or weight act
 _VOLUME = OUTPUTS.index("cavity_volume")
@@ -46,7 +46,7 @@ WEIBULL = tuple(len(SHAPE_OUTPUTS) + k for k in range(len(WEIBULL_MODULI)))
 EQUIVALENT = tuple(
     len(SHAPE_OUTPUTS) + k for k in range(len(WEIBULL_MODULI), len(MEASURES))
 )  # wavy, too
-VOLUME = (len(SHAPE_OUTPUTS) + len(MEASURES),)
+LOADS = (len(SHAPE_OUTPUTS) + len(MEASURES),)  # ln(q/t)
 INSIDE = 0.9  # share of held-out errors within the 90 % interval of a normal law
 INSIDE_SD = float(norm.ppf(0.5 * (1.0 + INSIDE)))  # half of that interval, in standard deviations
 
@@ -59,21 +59,24 @@ class Observed:
     ----------
     coordinates : Coordinates
         Coordinates of each reading.
+    along : array, shape (n,)
+        Swelling t, or p/M of a held tip [–].
     load : array, shape (n,)
         p/M [–].
     values : array, shape (n, 10)
-        y of curvature, bend angle, peak strain, the strains of ``MEASURES`` and the volume.
+        y of curvature, bend angle, peak strain and the strains of ``MEASURES``, and ln(q/t).
     gradients : array, shape (n, 10, 13)
-        Their derivatives by load and groups; nan between the equilibria.
+        Their derivatives by swelling and groups.
     weights : array, shape (n,)
         Curvature over the curve's largest, at least ``FLOOR``.
     first : array, shape (10,)
-        y at zero load, from the first slope; nan if unknown, as for quantiles.
+        Values at rest, from first slopes; nan if unknown, as for quantiles.
     tight : bool
         Whether the paper is without slack: derivatives by slack are then not used.
     """
 
     coordinates: Coordinates
+    along: Floats
     load: Floats
     values: Floats
     gradients: Floats
@@ -88,149 +91,106 @@ class Observed:
         use[at.SLACK] = not self.tight
         return use
 
+    def weights_of(self, outputs: Sequence[int]) -> Floats:
+        """Return weights of readings of some outputs, (n,): loads count alike."""
+        return np.ones_like(self.weights) if tuple(outputs) == LOADS else self.weights
+
     @property
-    def solved(self) -> Flags:
-        """Mask of readings at equilibria, with derivatives, (n,)."""
-        there: Flags = np.isfinite(self.gradients).any(axis=(1, 2))
-        return there
+    def growth(self) -> Floats:
+        """Growth d ln κ/d ln q, (n,); not finite at a limit point."""
+        with np.errstate(divide="ignore"):
+            growth: Floats = self._rate(0) / self._rate(LOADS[0])
+        return growth
+
+    def _rate(self, output: int) -> Floats:
+        """Return the derivative of the logarithm of an output, not over t, by ln t."""
+        return 1.0 + self.along * self.gradients[:, output, 0]
+
+    @property
+    def before_limit(self) -> Flags:
+        """Mask of readings up to `TO` of the largest load, on the rising part."""
+        rising = np.arange(len(self.load)) <= np.argmax(self.load)
+        return rising & (self._rate(LOADS[0]) > 0.0) & (self.load <= TO * self.load.max())
 
 
-@dataclass(frozen=True)
-class Reach:
-    """Reach of a run: the load up to which its curve is emulated.
-
-    Parameters
-    ----------
-    groups : array, shape (12,)
-        Groups of the run.
-    load : float
-        p/M; a lower bound if ``open`` [–].
-    open : bool
-        Whether the curve was smooth to its end.
-    """
-
-    groups: Floats
-    load: float
-    open: bool
-
-
-def reach(curve: Curve, samples: PathSamples, steepest: float = STEEPEST) -> Reach:
-    """Return the load up to which a curve is smooth enough to emulate.
-
-    The reach ends where d ln κ / d ln q exceeds ``steepest`` from below, or shortly before a limit
-    point; for a curve without a known end, the last solved load is a bound. A large or undefined
-    value at first only means that a curve begins with hardly any bending, or with bending in the
-    opposite direction.
-    """
-    place = Place.of(curve.material)
-    q = samples.loads / place.modulus
-    groups = np.array(place.values)
-    if len(q) < 3:
-        return Reach(groups, 0.0, open=False)
-    steep = _growth(samples)
-    over = ~(steep < steepest)
-    if over.all() and (np.isnan(steep[0]) or steep[-1] < steep[0]):
-        over[:] = False  # still in its initial part
-    begun = int(np.argmin(over))
-    if over[begun:].any():
-        k = begun + int(np.argmax(over[begun:]))
-        crossing = q[max(k, 1)]
-        if k > 0 and np.isfinite(steep[k]):
-            pair = slice(k, k + 2)
-            crossing = np.exp(np.interp(steepest, steep[k - 1 : k + 1], np.log(q[pair])))
-        return Reach(groups, float(crossing), open=False)
-    if np.isfinite(samples.limit_load):
-        return Reach(groups, LIMIT_MARGIN * samples.limit_load / place.modulus, open=False)
-    return Reach(groups, float(q[-1]), open=True)
-
-
-def _growth(samples: PathSamples) -> Floats:
-    """Return d ln Δκ / d ln q at every load but the first; nan where the curvature falls."""
-    angle, length = samples.readings[:, 0], samples.readings[:, 1]
-    kappa = angle / length
-    slope = (samples.gradients[:, 0, 0] - kappa * samples.gradients[:, 1, 0]) / length
-    change = kappa[1:] - kappa[0]
-    growth: Floats = np.where(change > 0.0, samples.loads[1:] * slope[1:], np.nan)
-    with np.errstate(invalid="ignore"):
-        growth = growth / change
-    return np.where(growth > 0.0, growth, np.nan)
+def compliance_of(samples: Iterable[tuple[Curve, PathSamples]], length: float) -> float:
+    """Return c [–]: the median of ΔV/(L³ q) at rest."""
+    found = [
+        quantities(one, length)[1][0, -1, 0] * Place.of(curve.material).modulus
+        for curve, one in samples
+        if len(one.loads) > 0
+    ]
+    return float(np.median(found)) if found else 1.0
 
 
 def observe(
-    curve: Curve,
-    samples: PathSamples,
-    *,
-    span: TrainingRange,
-    length: float,
-    steepest: float = STEEPEST,
-    between: bool = False,
+    curve: Curve, samples: PathSamples, *, length: float, compliance: float
 ) -> Observed | None:
-    """Return the data of a run within its reach; None if it has fewer than two equilibria.
-
-    With ``between`` readings between the equilibria are included, without derivatives.
-    """
+    """Return the data of a run; None if it has fewer than two equilibria that bend it."""
     if len(samples.loads) < 3:
         return None
-    limit, place = reach(curve, samples, steepest).load, Place.of(curve.material)
-    solved, bends = samples.loads, np.concatenate([[True], np.isfinite(_growth(samples))])
-    if between:
-        samples = _with_readings_between(curve, samples)
-    q = samples.loads[1:] / place.modulus
-    groups = np.column_stack([q, np.tile(place.values, (len(q), 1))])
-    points = coordinates(groups)
-    keep = (q <= limit * (1.0 + 1e-9)) & (points.points[:, 0] <= 1.0 + 1e-9)
-    keep &= np.interp(samples.loads[1:], solved, bends) == 1.0  # it bends at both ends of a step
+    place = Place.of(curve.material)
+    q, modulus = samples.loads[1:] / place.modulus, place.modulus
+    sizes, slopes = quantities(samples, length)
+    changes, rates = sizes[1:].copy(), slopes[1:].copy()
+    changes[:, COUNTED] -= sizes[0, COUNTED]
+    rates[:, COUNTED, 1:] -= slopes[0, COUNTED, 1:]
+    by_groups = np.concatenate(
+        [rates[..., :1] * modulus, rates[..., 1:] @ input_jacobian(place)], axis=-1
+    )
+    # at a fixed p/M a larger second invariant is a larger p/C1: dM/dg = M²
+    by_groups[..., at.SECOND_INVARIANT] += rates[..., 0] * (q * modulus**2)[:, None]
+    t, by_volume = changes[:, -1] / compliance, by_groups[:, -1] / compliance
+    # the last column becomes the load itself
+    changes[:, -1], by_groups[:, -1] = q, 0.0
+    by_groups[:, -1, 0] = 1.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        of_load = by_groups[..., :1] / by_volume[:, None, :1]  # now at a fixed t
+        by_groups -= of_load * by_volume[:, None]
+        by_groups[..., :1] = of_load
+        rest = stretch_offset(np.array([0.0, *place.values]))
+        denominators = np.column_stack([t, t, *(t + rest for _ in (PEAK, *MEASURES)), t])
+        logs = np.log(changes / denominators)
+        by_groups /= changes[..., None]
+        by_groups[..., 0] -= 1.0 / denominators
+        first = np.log(slopes[0, :, 0] / slopes[0, -1, 0] * compliance)
+        first[-1] = np.log(compliance / (slopes[0, -1, 0] * modulus))
+    first[QUANTILES] = np.nan
+    if rest != 0.0:
+        first[STRAINED] = np.nan
+    by_groups[:, STRAINED] -= (offset_gradient(place) / denominators[:, 2, None])[:, None]
+    keep = (t > 0.0) & (t <= LARGEST_SWELLING) & (changes[:, 0] > 0.0)
+    keep &= np.isfinite(logs[:, [0, -1]]).all(axis=1)
+    # a large or negative growth at first means that a curve begins with hardly any bending
+    with np.errstate(invalid="ignore"):
+        keep &= 1.0 + t * by_groups[:, 0, 0] > 0.0
     if np.count_nonzero(keep) < 2:
         return None
-    sizes, slopes = quantities(samples, length)
-    rest = stretch_offset(groups.T)
-    denominators = np.column_stack([q, q, *(q + rest for _ in (PEAK, *MEASURES)), q])
-    changes, by_inputs = sizes[1:].copy(), slopes[1:].copy()
-    changes[:, COUNTED] -= sizes[0, COUNTED]
-    by_inputs[:, COUNTED, 1:] -= slopes[0, COUNTED, 1:]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        by_groups = _by_groups(by_inputs / changes[..., None], q, place, denominators)
-        logs = np.log(changes / denominators)
-        first = np.log(slopes[0, :, 0] * place.modulus)
-    first[QUANTILES] = np.nan
-    if rest[0] != 0.0:
-        first[STRAINED] = np.nan
-    # the derivative of the offset due to strain at rest
-    offset, at_rest = np.zeros(len(NAMES)), np.array([0.0, *place.values])
-    offset[at.MISMATCH] = np.sign(at_rest[at.MISMATCH])
-    gravity = [at.ALONG, at.UP]
-    if (weight := np.hypot(*at_rest[gravity])) > 0.0:
-        offset[gravity] = at.GRAVITY_STRAIN * at_rest[gravity] / weight
-    by_groups[:, STRAINED] -= (offset / denominators[:, 2, None])[:, None]
-    weights = np.maximum(changes[keep, 0] / changes[keep, 0].max(), FLOOR)
+    t, changes = t[keep], changes[keep]
+    points = coordinates(np.column_stack([t, np.tile(place.values, (len(t), 1))]))
     return Observed(
-        Coordinates(*(part[keep] for part in vars(points).values())),
+        points,
+        t,
         q[keep],
         logs[keep],
         by_groups[keep],
-        weights,
+        np.maximum(changes[:, 0] / changes[:, 0].max(), FLOOR),
         first,
         tight=curve.material.paper_slack == 0.0,
     )
 
 
-def _with_readings_between(curve: Curve, samples: PathSamples) -> PathSamples:
-    """Return equilibria and readings between them in order of load."""
-    loads = np.array(curve.loads[: len(samples.between)])
-    new = ~np.isin(loads, samples.loads) & (loads < samples.loads[-1])
-    missing = np.full((int(new.sum()), *samples.gradients.shape[1:]), np.nan)
-    order = np.argsort(whole := np.concatenate([samples.loads, loads[new]]), kind="stable")
-    return replace(
-        samples,
-        loads=whole[order],
-        readings=np.concatenate([samples.readings, samples.between[new]])[order],
-        gradients=np.concatenate([samples.gradients, missing])[order],
-    )
+def offset_gradient(place: Place) -> Floats:
+    """Return the derivative of the offset due to strain at rest, (13,)."""
+    offset, at_rest = np.zeros(len(NAMES)), np.array([0.0, *place.values])
+    offset[at.MISMATCH] = np.sign(at_rest[at.MISMATCH])
+    gravity = [at.ALONG, at.UP]
+    if (weight := np.hypot(*at_rest[gravity])) > 0.0:
+        offset[gravity] = at.GRAVITY_STRAIN * at_rest[gravity] / weight
+    return offset
 
 
-def observe_force(
-    curve: Curve, samples: PathSamples, *, span: TrainingRange, length: float
-) -> Observed | None:
+def observe_force(curve: Curve, samples: PathSamples, *, length: float) -> Observed | None:
     """Return the data of a run with held tip; None if its only equilibrium is at rest.
 
     y = ln(ΔF/(M L² q)) for the half model, with ΔF relative to rest, at a load of q = p/M. One
@@ -246,21 +206,25 @@ def observe_force(
     changes = (samples.readings[1:] - samples.readings[0]) / unit
     by_inputs = samples.gradients[1:] / unit
     by_inputs[..., 1:] -= samples.gradients[0, :, 1:] / unit
-    keep = (points.points[:, 0] <= 1.0 + 1e-9) & (changes[:, 0] > 0.0)
+    keep = changes[:, 0] > 0.0
     if np.isfinite(samples.limit_load):
         keep &= samples.loads[1:] <= LIMIT_MARGIN * samples.limit_load
     if not np.any(keep):
         return None
     parts = (part[keep] for part in vars(points).values())
     q, changes, by_inputs = q[keep], changes[keep], by_inputs[keep]
-    by_groups = _by_groups(by_inputs / changes[..., None], q, place, q[:, None])
-    by_groups[..., at.SECOND_INVARIANT] -= place.modulus  # of M itself: d ln M/dg = M
+    logarithmic, modulus = by_inputs / changes[..., None], place.modulus
+    by_groups = np.empty((len(q), 1, len(NAMES)))
+    by_groups[..., 0] = logarithmic[..., 0] * modulus - 1.0 / q[:, None]
+    by_groups[..., 1:] = logarithmic[..., 1:] @ input_jacobian(place)
+    # at a fixed p/M a larger second invariant is a larger p/C1, dM/dg = M²; and M is the unit
+    by_groups[..., at.SECOND_INVARIANT] += logarithmic[..., 0] * (q * modulus**2)[:, None] - modulus
     with np.errstate(invalid="ignore", divide="ignore"):
         first = np.log(samples.gradients[0, :, 0] * place.modulus / unit)
     tight = curve.material.paper_slack == 0.0
     weights = np.maximum(changes[:, 0] / changes.max(), FLOOR)
     values = np.log(changes / q[:, None])
-    return Observed(Coordinates(*parts), q, values, by_groups, weights, first, tight=tight)
+    return Observed(Coordinates(*parts), q, q, values, by_groups, weights, first, tight=tight)
 
 
 def quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
@@ -275,17 +239,6 @@ def quantities(samples: PathSamples, length: float) -> tuple[Floats, Floats]:
     by_volume = samples.gradients[:, [_VOLUME]] / length**3
     slopes = np.concatenate([by_kappa[:, None], by_angle[:, None], by_strains, by_volume], axis=1)
     return np.column_stack([kappa, angle, peak, strains, volume]), slopes
-
-
-def _by_groups(logarithmic: Floats, q: Floats, place: Place, denominators: Floats) -> Floats:
-    """Convert derivatives by the model's inputs to those of y by p/M and the groups."""
-    modulus = place.modulus
-    out = np.empty((*logarithmic.shape[:2], len(NAMES)))
-    out[..., 0] = logarithmic[..., 0] * modulus - 1.0 / denominators
-    out[..., 1:] = logarithmic[..., 1:] @ input_jacobian(place)
-    # at a fixed p/M a larger second invariant is a larger p/C1: dM/dg = M²
-    out[..., at.SECOND_INVARIANT] += logarithmic[..., 0] * (q * modulus**2)[:, None]
-    return out
 
 
 def input_jacobian(place: Place) -> Floats:
@@ -317,13 +270,13 @@ class Prior:
 
     Parameters
     ----------
-    load, material, cause : float
+    swelling, material, cause : float
         Factor per order [–].
     noise : float
         Standard deviation of the residual over that of the first coefficient [–].
     """
 
-    load: float = 0.6
+    swelling: float = 0.6
     material: float = 0.45
     cause: float = 0.35
     noise: float = 1e-2
@@ -331,7 +284,7 @@ class Prior:
     def scales(self, orders: Indices) -> Floats:
         """Return the prior standard deviation of every coefficient over that of the first."""
         scales: Floats = (
-            self.load ** orders[:, 0]
+            self.swelling ** orders[:, 0]
             * self.material ** orders[:, 1:N_CHEBYSHEV].sum(axis=1)
             * self.cause ** orders[:, N_CHEBYSHEV:].sum(axis=1)
         )
@@ -350,11 +303,10 @@ class Equations:
     n_values: int
 
 
-def half_ranges(span: TrainingRange) -> Floats:
-    """Return the ranges of load and groups over which derivatives count, (13,)."""
+def half_ranges() -> Floats:
+    """Return the ranges of groups over which derivatives count, (12,)."""
     causes = [max(c.high - c.neutral, c.neutral - c.low) for c in CAUSES]
-    material = [0.5 * (g.high - g.low) for g in MATERIAL]
-    return np.array([0.5 * span.load, *material, *causes])
+    return np.array([*(0.5 * (g.high - g.low) for g in MATERIAL), *causes])
 
 
 def rows_of(
@@ -362,35 +314,32 @@ def rows_of(
     orders: Indices,
     *,
     outputs: Sequence[int],
-    span: TrainingRange,
     derivatives: bool = True,
     weight: float = DERIVATIVE_WEIGHT,
 ) -> Equations:
     """Return the equations of a run for some outputs, of their values and derivatives.
 
-    ``weight`` is that of a derivative over half of its group's range, relative to a value.
+    ``weight`` is that of a derivative by ln t, or over half of its group's range, relative to a
+    value.
     """
-    place, w = run.coordinates, run.weights[:, None]
+    place, w = run.coordinates, run.weights_of(outputs)[:, None]
     values = features(orders, place.points)
-    matrix = [w * values]
-    targets = [w * (run.values[:, outputs] - place.warp[:, None])]
+    matrix, targets = [w * values], [w * run.values[:, outputs]]
     if derivatives:
-        here = run.solved
-        slopes = feature_gradients(orders, place.points[here])
-        sizes, by_groups = weight * half_ranges(span), run.gradients[here][:, outputs]
+        slopes, by_groups = feature_gradients(orders, place.points), run.gradients[:, outputs]
         finite = np.all(np.isfinite(by_groups), axis=(0, 1))
         for k in np.flatnonzero(run.known & finite):
-            along = np.einsum("npt,np->nt", slopes, place.jacobian[here, :, k])
-            wanted = by_groups[..., k] - place.warp_gradient[here, k, None]
-            matrix.append(sizes[k] * w[here] * along)
-            targets.append(sizes[k] * w[here] * wanted)
+            size = weight * w * (run.along[:, None] if k == 0 else half_ranges()[k - 1])
+            along = np.einsum("npt,np->nt", slopes, place.jacobian[:, :, k])
+            matrix.append(size * along)
+            targets.append(size * by_groups[..., k])
         if np.all(np.isfinite(run.first[outputs])):
             start = place.points[:1].copy()
             start[0, 0] = -1.0
-            # at zero load slack paper has no effect
+            # at rest slack paper has no effect
             start[0, N_CHEBYSHEV + [c.name for c in CAUSES].index("paper_slack")] = not run.tight
             matrix.append(FLOOR * features(orders, start))
-            targets.append(FLOOR * (run.first[None, outputs] - place.warp[:1, None]))
+            targets.append(FLOOR * run.first[None, outputs])
     return Equations(np.vstack(matrix), np.vstack(targets), len(values))
 
 

@@ -178,7 +178,7 @@ class TrainingRange:
         Share of the largest load up to which it is trained [–].
     """
 
-    load: float = 0.96
+    load: float = 1.25
     groups: tuple[Group, ...] = GROUPS
     share: float = 1.0
 
@@ -196,7 +196,7 @@ class TrainingRange:
         """Return the largest p/M for a material with this ln(C3/M).
 
         Degraded material has a large C3/C1 and a large C1, hence small loads: no pressure of
-        interest exceeds 0.35 at the upper end.
+        interest exceeds 0.3 at the upper end.
 
         Parameters
         ----------
@@ -206,9 +206,9 @@ class TrainingRange:
         Examples
         --------
         >>> TrainingRange().largest_load(np.array([-1.0, 1.0])).tolist()
-        [0.96, 0.35]
+        [1.25, 0.45]
         """
-        return self.share * np.interp(unit_stiffening, [0.1, 1.0], [self.load, 0.35])
+        return self.share * np.interp(unit_stiffening, [0.1, 1.0], [self.load, 0.45])
 
 
 def groups_of(inputs: Inputs) -> dict[str, Floats]:

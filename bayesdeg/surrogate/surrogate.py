@@ -1,22 +1,25 @@
-"""The trained map: polynomials in warped load, material and causes, with their own error.
+"""The trained map: polynomials in swelling, material and causes, with their own error.
 
-With q = p/M the load, s the linear scale, L the length as moulded and W the warp by the causes,
+With q = p/M the load, s the linear scale, L the length as moulded and t = ΔV/(c s³ L³) the swelling
+of half of the cavity,
 
-    change of curvature     κ s L = q exp(W + Y₀)
-    change of bend angle          = q exp(W + Y₁)
-    peak stretch            λ − 1 = (q + b) exp(W + Y₂)
-    other strains               ε = (q + b) exp(W + Yₖ)
-    half of the cavity's change ΔV = s³ L³ q exp(W + Yₖ)
-    half of the tip's force      F = s² L² M q exp(W + Yₖ)
+    load                        q = t exp(Y_q)
+    change of curvature     κ s L = t exp(Y₀)
+    change of bend angle          = t exp(Y₁)
+    peak stretch            λ − 1 = (t + b) exp(Y₂)
+    other strains               ε = (t + b) exp(Yₖ)
+    half of the tip's force     F = s² L² M q exp(Y_F)
 
-where b is the load equivalent of mismatch and weight of the body, and each Y a sum of ``Terms``. So
-curvature is zero at zero pressure, smooth in it, and has exact derivatives. L stays that of the
-nominal actuator where dimensions depart from it, see `bayesdeg.surrogate.departure`.
+where b is the swelling equivalent of mismatch and weight of the body, and each Y a sum of
+``Terms``. At a given load t is that of the rising part of q(t), whose largest value is the
+ballooning pressure: nothing is singular there in t. So curvature is zero at zero pressure, smooth
+in it, and has exact derivatives. Y_F alone has q in the place of t. L stays that of the nominal
+actuator where dimensions depart from it, see `bayesdeg.surrogate.departure`.
 """
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple, Self
@@ -38,15 +41,17 @@ from bayesdeg.errors import BayesdegError
 from bayesdeg.surrogate.coordinates import (
     GIVE,
     GRAVITY_STRAIN,
-    LARGEST_WARPED,
+    LARGEST_SWELLING,
     SLACK,
     STRAIN,
-    WARP,
     Batch,
     coordinates,
     inside,
+    unit_rate,
+    unit_swelling,
 )
-from bayesdeg.surrogate.departure import Change, Departure
+from bayesdeg.surrogate.coordinates import WHOLE as WHOLE_SWELLING
+from bayesdeg.surrogate.departure import OF_LOAD, Change, Departure
 from bayesdeg.surrogate.scaling import (
     GROUPS,
     LOAD,
@@ -84,7 +89,8 @@ def describe(
 ) -> dict[str, str]:
     """Return a sentence for each group that leaves its range, and for the load.
 
-    ``limit``, shape (n_rows,), is p/M up to which curves are smooth; ``units`` are those of all.
+    ``limit``, shape (n_rows,), is p/M up to which curves are followed before they balloon, inf for
+    those that do not; ``units`` are those of all.
     """
     out = ~inside(batch.groups[1:].T, span).T
     # values of a group count once per load of its row
@@ -111,8 +117,8 @@ def describe(
     if np.any(past):
         at = np.unravel_index(int(np.argmax(np.where(past, loads, -1.0))), loads.shape)
         found[LIMIT] = (
-            f"p/M reaches {loads[at]:.4g}, but the curve of that material is smooth only up to "
-            f"{limit[at[0]]:.4g}; {int(past.sum())} of {loads.size} values"
+            f"p/M reaches {loads[at]:.4g}, but an actuator of that material balloons at "
+            f"{limit[at[0]] / END:.4g}; {int(past.sum())} of {loads.size} values"
         )
     return found
 
@@ -141,26 +147,34 @@ def _words_of_group(
 
 
 def curvature_gradient(
-    inputs: Inputs, batch: Batch, allowed: Flags, terms: Terms, span: TrainingRange
+    inputs: Inputs, batch: Batch, swelling: Floats, terms: Terms, load: Terms, span: TrainingRange
 ) -> dict[str, Floats]:
     """Return derivatives of κ L by every given field [mm/m over its unit], L as moulded.
 
-    The inputs have no reference pressure, and their batch one row per point. Derivatives are nan
-    where the map is not ``allowed``, (n_rows, 1). The first output of the terms is Y₀.
+    The inputs have no reference pressure, and their batch one row per point. ``swelling``, shape
+    (n_rows,), is t at their loads, nan where the map has no answer; derivatives are then nan. The
+    first output of ``terms`` is Y₀, that of ``load`` Y_q.
     """
-    answered = allowed[:, 0]
+    answered = np.isfinite(swelling)
     middle = 0.5 * (span.lower + span.upper)
     groups = np.where(answered, batch.groups, np.concatenate([[0.0], middle])[:, None])
-    groups[0] = np.where(answered, batch.loads[:, 0], 0.0)
+    groups[0] = np.where(answered, swelling, 0.0)
     scale = np.broadcast_to(inputs.linear_scale, batch.shape).ravel()
     at = coordinates(groups.T)
     points = np.ascontiguousarray(at.points.T)
-    y = evaluate(_with_gradient(terms), points, points[0][:, None], points[SLACK][:, None])[:, :, 0]
-    gain = np.exp(y[0] + at.warp)
+    log_gain, by_group = _value_and_gradient(terms, points, at.jacobian)
+    log_load, load_by_group = _value_and_gradient(load, points, at.jacobian)
+    gain, rate = np.exp(log_gain), np.exp(log_load)
     change = groups[0] * gain  # κ s L
-    by_group = np.einsum("an,nag->gn", y[1:], at.jacobian) + at.warp_gradient.T
     by_group *= change
-    by_group[NAMES.index(LOAD)] += gain
+    by_group[0] += gain
+    load_by_group *= groups[0] * rate
+    load_by_group[0] += rate
+    # at a given load: t moves with the groups, and with the load
+    by_load = by_group[0] / load_by_group[0]
+    by_group -= by_load * load_by_group
+    by_group[0] = by_load
+    groups[0] = np.where(answered, batch.loads[:, 0], 0.0)
     fields = _rates(inputs, batch.shape, groups)
     gradient = {}
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # where it is refused
@@ -173,6 +187,13 @@ def curvature_gradient(
     return gradient
 
 
+def _value_and_gradient(terms: Terms, points: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
+    """Return the first output at points (13, n), (n,), and its derivatives by groups, (13, n)."""
+    found = evaluate(_with_gradient(terms), points, points[0][:, None], points[SLACK][:, None])
+    value, *by_points = found[:, :, 0]
+    return value, np.einsum("an,nag->gn", np.stack(by_points), jacobian)
+
+
 @lru_cache(maxsize=8)
 def _of_outputs(terms: Terms, places: tuple[int, ...]) -> Terms:
     """Return some of the outputs."""
@@ -180,15 +201,15 @@ def _of_outputs(terms: Terms, places: tuple[int, ...]) -> Terms:
 
 
 @lru_cache(maxsize=8)
-def _along_load(terms: Terms) -> Terms:
-    """Return the first output and its derivatives by warped load and place of the slack."""
+def _along(terms: Terms) -> Terms:
+    """Return the first output and its derivatives by place along the curve and of the slack."""
     first = terms.output(0)
     return stacked([first, first.derivative(0), first.derivative(SLACK)])
 
 
 @lru_cache(maxsize=8)
 def _with_gradient(terms: Terms) -> Terms:
-    """Return Y₀ and its derivatives by the 13 coordinates, as 14 outputs."""
+    """Return the first output and its derivatives by the 13 coordinates, as 14 outputs."""
     first = terms.output(0)
     return stacked([first, *(first.derivative(axis) for axis in range(len(NAMES)))])
 
@@ -246,10 +267,10 @@ def _rates(
 # ---- the same, compiled: vectorised over rows, with its own exponential
 #
 # Rows are processed in blocks, one row per lane. The terms of a block are contracted over material
-# and causes as in `terms`, and at each load over the powers of φ, which leaves Chebyshev
-# coefficients along the load: of the outputs Y, of the derivatives of the first by load and φ, and
-# of the errors' logarithms. All are summed with one table of polynomials; what follows is written
-# without temporary arrays.
+# and causes as in `terms`, which leaves Chebyshev series in the swelling, one for each power of φ.
+# That of the load is tabulated at `NODES` places up to the largest load; at each asked load the
+# place is then found by Newton's method with the curvature of its cell, and all other series are
+# summed there.
 
 _LOG2E = 1.0 / math.log(2.0)
 _LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, the first with 32 spare bits
@@ -285,21 +306,20 @@ def exponentials(values: Floats) -> None:  # pragma: no cover - compiled
 
 
 Y = 3  # outputs: curvature, bend angle, peak stretch
-VALUES = 7  # curvature, angle, stretch, slope and the standard errors of the first three
+# curvature, angle, stretch, slope, the standard errors of the first three, swelling t,
+# d ln t/d ln q, and the relative standard error of q
+VALUES = 10
+_T, _RATE, _LOAD_ERROR = 7, 8, 9
 DEGREES = 180.0 / math.pi
-_FROM_LOAD = 2.0 / LARGEST_WARPED
-_SUMS = Y + 1  # series summed together: the outputs, and one derivative
-
-# Offsets in the working space of a block, one number per row. It is one flat array with fixed
-# offsets, so that the compiler sees that they do not overlap and vectorises rows.
-_LOAD, _WARPED, _PHI, _KNOWN = 0, BLOCK, 2 * BLOCK, 3 * BLOCK
-_LARGEST_LOAD, _STRETCHING, _SLACK = 4 * BLOCK, 5 * BLOCK, 6 * BLOCK
-_GIVE, _OFFSET, _BENDING = 7 * BLOCK, 8 * BLOCK, 9 * BLOCK
-_OUT = 10 * BLOCK  # Y
-_BY_LOAD = _OUT + Y * BLOCK  # derivative of the first
-_ERROR = _OUT + _SUMS * BLOCK  # ln of squared relative standard errors
-_BY_PHI = _ERROR + Y * BLOCK  # derivative of the first output
-_END = _BY_PHI + BLOCK
+NODES = 33  # places of the range of the swelling at which a curve of loads is tabulated
+STEPS = 2  # of Newton's method from the first guess: the error is then that of rounding
+END = 0.995
+"""Share of the ballooning pressure up to which a curve is followed: d ln κ/d ln p is some 20 there.
+It then continues along its tangent."""
+GROWTH = 2.0
+"""d ln κ/d ln p up to which the mesh error was measured; where curves are steeper, it grows like
+that of the pressure."""
+_HALF = 0.5 * WHOLE_SWELLING
 
 
 class Rows(NamedTuple):
@@ -310,229 +330,408 @@ class Rows(NamedTuple):
     points : array, shape (11, n_rows)
         Scaled material and causes, in the order of ``ROW_AXES``.
     largest : array, shape (n_rows,)
-        p/M up to which the map is defined; below 0 where it is nowhere defined.
-    stretching : array, shape (n_rows,)
-        e^W.
+        Largest p/M; below 0 where the map is nowhere defined.
     slack, give : array, shape (n_rows,)
-        Slack strain s of the paper, and its strain over the load e/q.
+        Slack strain s of the paper, and its strain over the swelling e/t.
     offset : array, shape (n_rows,)
-        b, the load equivalent of mismatch and weight in the peak stretch.
+        b, the swelling equivalent of mismatch and weight in the peak stretch.
     bending : array, shape (n_rows,)
         Curvature over bend angle, 1000/(L s) [1/m].
     """
 
     points: Floats
     largest: Floats
-    stretching: Floats
     slack: Floats
     give: Floats
     offset: Floats
     bending: Floats
 
 
+class Plans(NamedTuple):
+    """Plans of Y_q and Y, and of ln of their squared relative standard errors."""
+
+    load: Plan
+    terms: Plan
+    load_error: Plan
+    error: Plan
+
+
 @compiled
 def map_of_rows(
-    loads: Floats, rows: Rows, terms: Plan, errors: Plan, mesh_error: float
-) -> tuple[Floats, Flags]:  # pragma: no cover - compiled
-    """Return outputs with standard errors, (7, n_rows, n_columns), and where they are defined.
+    loads: Floats, rows: Rows, plans: Plans, change: Floats, mesh_error: float
+) -> tuple[Floats, Floats, Floats]:  # pragma: no cover - compiled
+    """Return outputs with standard errors, and where curves end.
 
     Parameters
     ----------
     loads : array, shape (n_rows, n_columns)
-        p/M [–].
+        p/M [–]; those beyond the end of a curve, or below 0, are moved there.
     rows : Rows
         Rows of one material each.
-    terms, errors : Plan
-        Plans of Y, and of ln of the squared relative standard errors.
+    plans : Plans
+        Of the outputs and errors.
+    change : array, shape (n_slots, n_rows)
+        Added to the series of the load; without rows if there is nothing to add.
     mesh_error : float
         Relative standard error added to all of them.
+
+    Returns
+    -------
+    values : array, shape (10, n_rows, n_columns)
+        Outputs at the loads.
+    ends : array, shape (n_rows,)
+        p/M up to which they are given; below 0 where they are nowhere defined.
+    limits : array, shape (n_rows,)
+        p/M at which a curve balloons; inf where it does not in its range.
     """
     n_rows, n_columns = loads.shape
-    out = np.empty((VALUES, n_rows, n_columns))
-    allowed = np.empty((n_rows, n_columns), np.bool_)
+    out, ends, limits = np.empty((VALUES, n_rows, n_columns)), np.empty(n_rows), np.empty(n_rows)
+    load, terms, load_error, error = plans
+    of_load = np.empty((load.n_orders * load.n_powers, 1, BLOCK))
     along = np.empty((terms.n_orders * terms.n_powers, Y, BLOCK))
-    along_errors = np.empty((errors.n_orders * errors.n_powers, Y, BLOCK))
-    series = np.zeros((_even(terms.n_orders), _SUMS, BLOCK))
-    by_phi = np.zeros((len(series), _SUMS, BLOCK))
-    error_series = np.zeros((_even(errors.n_orders), _SUMS, BLOCK))
-    polynomials = np.empty((max(len(series), len(error_series)), BLOCK))
-    work = np.zeros(_END + (_SUMS - 1) * BLOCK)
-    slack = terms.n_powers > 1 or errors.n_powers > 1
+    of_load_error = np.empty((load_error.n_orders * load_error.n_powers, 1, BLOCK))
+    along_error = np.empty((error.n_orders * error.n_powers, Y, BLOCK))
+    count = max(load.n_orders, terms.n_orders, load_error.n_orders, error.n_orders)
+    table, slopes = np.empty((max(2, count), BLOCK)), np.empty((max(2, count), BLOCK))
+    nodes, rates = np.empty((NODES, BLOCK)), np.empty((NODES, BLOCK))
+    at, asked = np.zeros((_PLACES, BLOCK)), np.empty(BLOCK)
+    sums, by_place, by_phi = np.empty((Y, BLOCK)), np.empty((Y, BLOCK)), np.empty((Y, BLOCK))
+    of_row = np.empty((5, BLOCK))
     for first in range(0, n_rows, BLOCK):
-        count = min(BLOCK, n_rows - first)
-        _take(work, rows, first, count)
-        contract(along, rows.points, terms, first, count)
-        contract(along_errors, rows.points, errors, first, count)
+        lanes = min(BLOCK, n_rows - first)
+        _take(of_row, rows, first, lanes)
+        contract(of_load, rows.points, load, first, lanes)
+        for slot in range(change.shape[0]):
+            for lane in range(lanes):
+                of_load[slot, 0, lane] += change[slot, first + lane]
+        contract(along, rows.points, terms, first, lanes)
+        contract(of_load_error, rows.points, load_error, first, lanes)
+        contract(along_error, rows.points, error, first, lanes)
+        last = _tabulate_loads(nodes, rates, at, of_row, of_load, load, table, slopes, sums, by_phi)
+        _find_ends(at, nodes, rates, last, of_row, of_load, load, table, slopes, sums, by_phi)
+        for lane in range(lanes):
+            ends[first + lane], limits[first + lane] = at[_ENDS, lane], at[_LIMITS, lane]
         for column in range(n_columns):
-            _place(work, loads, allowed, first, count, column)
-            if slack or column == 0:
-                _series(series, by_phi, along, work[_PHI:_KNOWN], terms)
-                _differentiate(series, terms.n_orders)
-                _series(error_series, by_phi[:0], along_errors, work[_PHI:_KNOWN], errors)
-            _tabulate(polynomials, work[_WARPED:_PHI])
-            if slack:
-                _sum(work[_BY_PHI:], by_phi, polynomials)
-            _sum(work[_OUT:_ERROR], series, polynomials)
-            _sum_errors(work[_ERROR:_BY_PHI], error_series, polynomials)
-            _finish(work, mesh_error)
-            _write(out, work, first, count, column)
-    return out, allowed
+            for lane in range(BLOCK):
+                row = first + min(lane, lanes - 1)
+                asked[lane] = min(max(loads[row, column], 0.0), max(at[_ENDS, lane], 0.0))
+                if not asked[lane] >= 0.0:
+                    asked[lane] = 0.0
+            _start(at, asked, nodes, rates, last)
+            for _ in range(STEPS):
+                _load_at(at, of_row, of_load, load, table, slopes, sums, by_phi)
+                _step(at, asked)
+            _load_at(at, of_row, of_load, load, table, slopes, sums, by_phi)
+            _write(out, at, asked, first, lanes, column)
+            _series(sums, by_place, by_phi, along, terms, at, table, slopes)
+            _write_outputs(out, at, of_row, sums, by_place, by_phi, first, lanes, column)
+            _series(sums, by_place, by_phi, along_error, error, at, table, slopes)
+            _write_errors(out, at, of_row, sums, first, lanes, column)
+            _series(sums, by_place, by_phi, of_load_error, load_error, at, table, slopes)
+            _combine(out, sums, mesh_error, first, lanes, column)
+    return out, ends, limits
+
+
+# rows of the working space of a block
+_X, _SWELLING, _PHI, _LOAD, _BY_X = 0, 1, 2, 3, 4  # place on [−1, 1], t, φ, q and dq/dx there
+_LOW, _HIGH, _BEND = 5, 6, 7  # bounds of a cell, and d²q/dx² in it
+_ENDS, _LIMITS, _LAST, _GROWS = 8, 9, 10, 11  # q and x at the end; d ln t/d ln q at a place
+_PLACES = 12
+_LARGEST_LOAD, _SLACK, _GIVE, _OFFSET, _BENDING = 0, 1, 2, 3, 4  # rows of row constants
 
 
 @compiled
-def _even(count: int) -> int:  # pragma: no cover - compiled
-    """Return the next even number, at least 2: orders are summed in pairs."""
-    return max(2, count + count % 2)
-
-
-@compiled
-def _take(work: Floats, rows: Rows, first: int, count: int) -> None:  # pragma: no cover - compiled
-    """Copy row constants to the working space of a block."""
-    for lane in range(count):
-        row = first + lane
-        work[_LARGEST_LOAD + lane], work[_STRETCHING + lane] = (
-            rows.largest[row],
-            rows.stretching[row],
-        )
-        work[_SLACK + lane], work[_GIVE + lane] = rows.slack[row], rows.give[row]
-        work[_OFFSET + lane], work[_BENDING + lane] = rows.offset[row], rows.bending[row]
-
-
-@compiled
-def _place(
-    work: Floats, loads: Floats, allowed: Flags, first: int, count: int, column: int
-) -> None:  # pragma: no cover - compiled
-    """Write load, warped load on [−1, 1] and φ of a column; the load is nan where refused."""
-    for lane in range(count):
-        load = loads[first + lane, column]
-        answered = 0.0 <= load <= work[_LARGEST_LOAD + lane]
-        allowed[first + lane, column] = answered
-        work[_KNOWN + lane] = load if answered else math.nan
-        work[_LOAD + lane] = load if answered else 0.0
+def _take(of_row: Floats, rows: Rows, first: int, lanes: int) -> None:  # pragma: no cover
+    """Copy row constants of a block; lanes beyond the last row repeat it."""
     for lane in range(BLOCK):
-        load, slack = work[_LOAD + lane], work[_SLACK + lane]
-        work[_WARPED + lane] = load * (_FROM_LOAD * work[_STRETCHING + lane]) - 1.0
-        # without slack the strain may be 0 as well
-        strain = slack + work[_GIVE + lane] * load
-        work[_PHI + lane] = slack / (strain if slack > 0.0 else 1.0)
+        row = first + min(lane, lanes - 1)
+        of_row[_LARGEST_LOAD, lane], of_row[_SLACK, lane] = rows.largest[row], rows.slack[row]
+        of_row[_GIVE, lane], of_row[_OFFSET, lane] = rows.give[row], rows.offset[row]
+        of_row[_BENDING, lane] = rows.bending[row]
+
+
+@compiled
+def _tabulate(
+    table: Floats, slopes: Floats, at: Floats, count: int
+) -> None:  # pragma: no cover - compiled
+    """Tabulate Chebyshev polynomials of the place, and their derivatives."""
+    x = at[_X]
+    for lane in range(BLOCK):
+        table[0, lane], table[1, lane] = 1.0, x[lane]
+        slopes[0, lane], slopes[1, lane] = 0.0, 1.0
+    for n in range(2, count):
+        before, last, new = table[n - 2], table[n - 1], table[n]
+        falling, rising, slope = slopes[n - 2], slopes[n - 1], slopes[n]
+        for lane in range(BLOCK):
+            new[lane] = 2.0 * x[lane] * last[lane] - before[lane]
+        for lane in range(BLOCK):
+            slope[lane] = 2.0 * (last[lane] + x[lane] * rising[lane]) - falling[lane]
 
 
 @compiled
 def _series(
-    series: Floats, by_phi: Floats, along: Floats, phi: Floats, plan: Plan
+    sums: Floats,
+    by_place: Floats,
+    by_phi: Floats,
+    along: Floats,
+    plan: Plan,
+    at: Floats,
+    table: Floats,
+    slopes: Floats,
 ) -> None:  # pragma: no cover - compiled
-    """Sum the powers of φ to series in the load, with the derivative of the first by φ if asked."""
-    n_orders = plan.n_orders
-    for n in range(n_orders):
-        series[n, :Y] = along[n]
-    by_phi[:, 0] = 0.0
-    power, before = np.ones(BLOCK), np.empty(BLOCK)
-    for m in range(1, plan.n_powers):
-        for lane in range(BLOCK):
-            before[lane] = m * power[lane]  # m φ^(m−1)
-            power[lane] *= phi[lane]
+    """Sum series of a plan at a place; of the first one also both derivatives."""
+    outputs, n_orders, phi = along.shape[1], plan.n_orders, at[_PHI]
+    sums[:outputs] = 0.0
+    by_place[0], by_phi[0] = 0.0, 0.0
+    power, before = np.ones(BLOCK), np.zeros(BLOCK)
+    for m in range(plan.n_powers):
         for n in range(n_orders):
-            slot = m * n_orders + n
-            for output in range(Y):
+            slot, polynomial, slope = along[m * n_orders + n], table[n], slopes[n]
+            for output in range(outputs):
+                series, total = slot[output], sums[output]
                 for lane in range(BLOCK):
-                    series[n, output, lane] += along[slot, output, lane] * power[lane]
-            if n < len(by_phi):
+                    total[lane] += series[lane] * (polynomial[lane] * power[lane])
+            series, steep = slot[0], by_place[0]
+            for lane in range(BLOCK):
+                steep[lane] += series[lane] * (slope[lane] * power[lane])
+            if m > 0:
+                felt = by_phi[0]
                 for lane in range(BLOCK):
-                    by_phi[n, 0, lane] += along[slot, 0, lane] * before[lane]
-
-
-@compiled
-def _differentiate(series: Floats, n_orders: int) -> None:  # pragma: no cover - compiled
-    """Write the Chebyshev series of the derivative of the first output by the load, as the last.
-
-    c'ₙ₋₁ = c'ₙ₊₁ + 2n cₙ, with c'₀ halved.
-    """
-    series[n_orders - 1, Y] = 0.0
-    for n in range(n_orders - 1, 0, -1):
-        half = 0.5 if n == 1 else 1.0
+                    felt[lane] += series[lane] * (polynomial[lane] * before[lane])
         for lane in range(BLOCK):
-            above = series[n + 1, Y, lane] if n + 1 < n_orders else 0.0
-            series[n - 1, Y, lane] = half * (above + 2.0 * n * series[n, 0, lane])
+            before[lane] = (m + 1) * power[lane]  # m φ^(m−1) of the next power
+            power[lane] *= phi[lane]
 
 
 @compiled
-def _tabulate(polynomials: Floats, load: Floats) -> None:  # pragma: no cover - compiled
-    """Tabulate the Chebyshev polynomials of the load."""
-    polynomials[0, :] = 1.0
-    polynomials[1, :] = load
-    table = polynomials.reshape(-1)
-    for n in range(2, len(polynomials)):
-        three = table[(n - 2) * BLOCK : (n + 1) * BLOCK]
-        for lane in range(BLOCK):
-            three[2 * BLOCK + lane] = 2.0 * load[lane] * three[BLOCK + lane] - three[lane]
-
-
-@compiled
-def _sum(sums: Floats, series: Floats, polynomials: Floats) -> None:  # pragma: no cover - compiled
-    """Write the sums of four series in the load, two orders at a time."""
-    sums[: _SUMS * BLOCK] = 0.0
-    # a reshape would cost more than the sums of an order
-    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
-    for n in range(0, len(series), 2):
-        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
-        for lane in range(BLOCK):
-            even, odd = t[lane], t[BLOCK + lane]
-            sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd
-            sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
-            sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
-            sums[3 * BLOCK + lane] += c[3 * BLOCK + lane] * even + c[7 * BLOCK + lane] * odd
-
-
-@compiled
-def _sum_errors(
-    sums: Floats, series: Floats, polynomials: Floats
+def _load_at(
+    at: Floats,
+    of_row: Floats,
+    along: Floats,
+    plan: Plan,
+    table: Floats,
+    slopes: Floats,
+    sums: Floats,
+    by_phi: Floats,
 ) -> None:  # pragma: no cover - compiled
-    """Write the sums of the first three of four series in the load, two orders at a time."""
-    sums[: Y * BLOCK] = 0.0
-    # a reshape would cost more than the sums of an order
-    coefficients, table = series.reshape(-1), polynomials.reshape(-1)
-    for n in range(0, len(series), 2):
-        c, t = coefficients[n * _SUMS * BLOCK :], table[n * BLOCK :]
-        for lane in range(BLOCK):
-            even, odd = t[lane], t[BLOCK + lane]
-            sums[lane] += c[lane] * even + c[4 * BLOCK + lane] * odd
-            sums[BLOCK + lane] += c[BLOCK + lane] * even + c[5 * BLOCK + lane] * odd
-            sums[2 * BLOCK + lane] += c[2 * BLOCK + lane] * even + c[6 * BLOCK + lane] * odd
+    """Write t, φ, q and dq/dx at the places of all lanes."""
+    x, t, phi, load, by_x = at[_X], at[_SWELLING], at[_PHI], at[_LOAD], at[_BY_X]
+    for lane in range(BLOCK):
+        t[lane] = (x[lane] + 1.0) * _HALF
+    exponentials(t)
+    for lane in range(BLOCK):
+        t[lane] -= 1.0
+        slack = of_row[_SLACK, lane]
+        # without slack the strain may be 0 as well
+        strain = slack + of_row[_GIVE, lane] * t[lane]
+        phi[lane] = slack / (strain if slack > 0.0 else 1.0)
+    _tabulate(table, slopes, at, len(table))
+    by_place = np.empty((1, BLOCK))
+    _series(sums, by_place, by_phi, along, plan, at, table, slopes)
+    gain = sums[0]
+    exponentials(gain)
+    for lane in range(BLOCK):
+        # dt/dx, and dφ/dx over that
+        grown = (1.0 + t[lane]) * _HALF
+        slack = of_row[_SLACK, lane]
+        eased = -phi[lane] * phi[lane] * of_row[_GIVE, lane] / (slack if slack > 0.0 else 1.0)
+        change = by_place[0, lane] + by_phi[0, lane] * eased * grown
+        load[lane] = t[lane] * gain[lane]
+        by_x[lane] = gain[lane] * (grown + t[lane] * change)
+        at[_GROWS, lane] = grown
 
 
 @compiled
-def _finish(work: Floats, mesh_error: float) -> None:  # pragma: no cover - compiled
-    """Convert the sums of a column to outputs, slope and standard errors, in place."""
-    exponentials(work[_OUT:_BY_LOAD])
-    exponentials(work[_ERROR:_BY_PHI])
-    floor = mesh_error * mesh_error
+def _tabulate_loads(
+    nodes: Floats,
+    rates: Floats,
+    at: Floats,
+    of_row: Floats,
+    along: Floats,
+    plan: Plan,
+    table: Floats,
+    slopes: Floats,
+    sums: Floats,
+    by_phi: Floats,
+) -> int:  # pragma: no cover - compiled
+    """Tabulate q and dq/dx up to where all lanes have their largest load; return the last node."""
+    done = np.zeros(BLOCK, np.bool_)
+    for node in range(NODES):
+        at[_X, :] = -1.0 + node * (2.0 / (NODES - 1))
+        _load_at(at, of_row, along, plan, table, slopes, sums, by_phi)
+        open_lanes = 0
+        for lane in range(BLOCK):
+            load, rate = at[_LOAD, lane], at[_BY_X, lane]
+            nodes[node, lane], rates[node, lane] = load, rate
+            if load >= of_row[_LARGEST_LOAD, lane] or not rate > 0.0:
+                done[lane] = True
+            open_lanes += not done[lane]
+        if open_lanes == 0 and node > 0:
+            return node
+    return NODES - 1
+
+
+@compiled
+def _find_ends(
+    at: Floats,
+    nodes: Floats,
+    rates: Floats,
+    last: int,
+    of_row: Floats,
+    along: Floats,
+    plan: Plan,
+    table: Floats,
+    slopes: Floats,
+    sums: Floats,
+    by_phi: Floats,
+) -> None:  # pragma: no cover - compiled
+    """Write the load at which curves balloon, and the place and load at which they end."""
+    width = 2.0 / (NODES - 1)
+    has_limit = np.zeros(BLOCK, np.bool_)
+    low_rate, high_rate = np.empty(BLOCK), np.empty(BLOCK)
     for lane in range(BLOCK):
-        phi, known, stretching = work[_PHI + lane], work[_KNOWN + lane], work[_STRETCHING + lane]
-        growth = 1.0 + (work[_WARPED + lane] + 1.0) * work[_BY_LOAD + lane]
-        growth -= phi * (1.0 - phi) * work[_BY_PHI + lane]
-        curvature = known * stretching * work[_BENDING + lane] * work[_OUT + lane]
-        angle = known * stretching * DEGREES * work[_OUT + BLOCK + lane]
-        stretch = (known + work[_OFFSET + lane]) * stretching * work[_OUT + 2 * BLOCK + lane]
-        work[_OUT + lane] = curvature
-        work[_OUT + BLOCK + lane] = angle
-        work[_OUT + 2 * BLOCK + lane] = 1.0 + stretch
-        work[_BY_LOAD + lane] = curvature * growth
-        share, of_angle = work[_ERROR + lane], work[_ERROR + BLOCK + lane]
-        of_stretch = work[_ERROR + 2 * BLOCK + lane]
-        work[_ERROR + lane] = curvature * math.sqrt(share + floor)
-        work[_ERROR + BLOCK + lane] = angle * math.sqrt(of_angle + floor)
-        work[_ERROR + 2 * BLOCK + lane] = stretch * math.sqrt(of_stretch + floor)
+        node = 0
+        while (
+            node < last
+            and rates[node, lane] > 0.0
+            and (node == 0 or nodes[node, lane] < of_row[_LARGEST_LOAD, lane])
+        ):
+            node += 1
+        at[_LAST, lane] = -1.0 + node * width
+        has_limit[lane] = node > 0 and not rates[node, lane] > 0.0
+        at[_LIMITS, lane] = math.inf
+        at[_ENDS, lane] = min(nodes[node, lane], of_row[_LARGEST_LOAD, lane])
+        at[_LOW, lane], at[_HIGH, lane] = at[_LAST, lane] - width, at[_LAST, lane]
+        low_rate[lane], high_rate[lane] = rates[max(node - 1, 0), lane], rates[node, lane]
+        if not has_limit[lane]:
+            at[_HIGH, lane] = at[_LAST, lane]
+    if not np.any(has_limit):
+        return
+    for _ in range(5):  # regula falsi for dq/dx = 0: q errs by the square of the place's error
+        for lane in range(BLOCK):
+            share = low_rate[lane] / (low_rate[lane] - high_rate[lane])
+            share = min(max(share, 0.02), 0.98) if has_limit[lane] else 1.0
+            at[_X, lane] = at[_LOW, lane] + share * (at[_HIGH, lane] - at[_LOW, lane])
+        _load_at(at, of_row, along, plan, table, slopes, sums, by_phi)
+        for lane in range(BLOCK):
+            if not has_limit[lane]:
+                continue
+            if at[_BY_X, lane] > 0.0:
+                at[_LOW, lane], low_rate[lane] = at[_X, lane], at[_BY_X, lane]
+                high_rate[lane] *= 0.5  # as in the Illinois algorithm
+            else:
+                at[_HIGH, lane], high_rate[lane] = at[_X, lane], at[_BY_X, lane]
+                low_rate[lane] *= 0.5
+    for lane in range(BLOCK):
+        if has_limit[lane]:
+            at[_LAST, lane], at[_LIMITS, lane] = at[_X, lane], at[_LOAD, lane]
+            at[_ENDS, lane] = min(END * at[_LOAD, lane], of_row[_LARGEST_LOAD, lane])
+
+
+@compiled
+def _start(
+    at: Floats, asked: Floats, nodes: Floats, rates: Floats, last: int
+) -> None:  # pragma: no cover - compiled
+    """Bracket the place of each asked load by nodes, and solve for it with the cell's curvature."""
+    width = 2.0 / (NODES - 1)
+    for lane in range(BLOCK):
+        node = 0
+        end = at[_LAST, lane]
+        while (
+            node + 1 < last
+            and -1.0 + (node + 1) * width < end
+            and nodes[node + 1, lane] < asked[lane]
+        ):
+            node += 1
+        low = -1.0 + node * width
+        high = min(low + width, end)
+        bend = (rates[node + 1, lane] - rates[node, lane]) / width
+        at[_LOW, lane], at[_HIGH, lane], at[_BEND, lane] = low, high, bend
+        at[_X, lane] = low
+        at[_LOAD, lane], at[_BY_X, lane] = nodes[node, lane], rates[node, lane]
+    _step(at, asked)
+
+
+@compiled
+def _step(at: Floats, asked: Floats) -> None:  # pragma: no cover - compiled
+    """Move each place to the root of the parabola of its load, within its cell."""
+    for lane in range(BLOCK):
+        gap, rate = asked[lane] - at[_LOAD, lane], at[_BY_X, lane]
+        root = max(rate * rate + 2.0 * gap * at[_BEND, lane], 0.0)
+        step = 2.0 * gap / (max(rate, 1e-300) + math.sqrt(root))
+        at[_X, lane] = min(max(at[_X, lane] + step, at[_LOW, lane]), at[_HIGH, lane])
 
 
 @compiled
 def _write(
-    out: Floats, work: Floats, first: int, count: int, column: int
+    out: Floats, at: Floats, asked: Floats, first: int, lanes: int, column: int
 ) -> None:  # pragma: no cover - compiled
-    """Copy the outputs of a column: the sums, now outputs and slope, and the standard errors."""
-    for k in range(VALUES):
-        place = work[_OUT + k * BLOCK : _OUT + (k + 1) * BLOCK]
-        for lane in range(count):
-            out[k, first + lane, column] = place[lane]
+    """Write t and d ln t/d ln q; at rest their limits."""
+    for lane in range(lanes):
+        t, load, by_x = at[_SWELLING, lane], at[_LOAD, lane], at[_BY_X, lane]
+        out[_T, first + lane, column] = t
+        # d ln t/d ln q = (q/t) (dt/dx)/(dq/dx)
+        is_rest = not t > 0.0
+        rate = 1.0 if is_rest else load / t * at[_GROWS, lane] / by_x
+        out[_RATE, first + lane, column] = rate
+        if not at[_ENDS, lane] >= 0.0:
+            out[_T, first + lane, column] = math.nan
+
+
+@compiled
+def _write_outputs(
+    out: Floats,
+    at: Floats,
+    of_row: Floats,
+    sums: Floats,
+    by_place: Floats,
+    by_phi: Floats,
+    first: int,
+    lanes: int,
+    column: int,
+) -> None:  # pragma: no cover - compiled
+    """Write curvature, bend angle, peak stretch and the slope of the first."""
+    for k in range(Y):
+        exponentials(sums[k])
+    for lane in range(lanes):
+        row, t, phi = first + lane, out[_T, first + lane, column], at[_PHI, lane]
+        # d ln κ/d ln t
+        growth = 1.0 + t / at[_GROWS, lane] * by_place[0, lane]
+        growth -= phi * (1.0 - phi) * by_phi[0, lane]
+        curvature = t * of_row[_BENDING, lane] * sums[0, lane]
+        out[0, row, column] = curvature
+        out[1, row, column] = t * DEGREES * sums[1, lane]
+        out[2, row, column] = 1.0 + (t + of_row[_OFFSET, lane]) * sums[2, lane]
+        out[3, row, column] = curvature * growth * out[_RATE, row, column]
+
+
+@compiled
+def _write_errors(
+    out: Floats, at: Floats, of_row: Floats, sums: Floats, first: int, lanes: int, column: int
+) -> None:  # pragma: no cover - compiled
+    """Write squared relative standard errors of the outputs at a given swelling."""
+    for k in range(Y):
+        exponentials(sums[k])
+        for lane in range(lanes):
+            out[4 + k, first + lane, column] = sums[k, lane]
+
+
+@compiled
+def _combine(
+    out: Floats, sums: Floats, mesh_error: float, first: int, lanes: int, column: int
+) -> None:  # pragma: no cover - compiled
+    """Write standard errors of the outputs at a given load, and that of the load."""
+    exponentials(sums[0])
+    for lane in range(lanes):
+        row = first + lane
+        curvature, slope = out[0, row, column], out[3, row, column]
+        growth = slope / curvature if curvature > 0.0 else 1.0
+        of_mesh = mesh_error * max(1.0, growth / GROWTH)
+        of_load = growth * growth * sums[0, lane] + of_mesh * of_mesh
+        for k in range(Y):
+            size = out[k, row, column] - (1.0 if k == 2 else 0.0)
+            out[4 + k, row, column] = size * math.sqrt(out[4 + k, row, column] + of_load)
+        out[_LOAD_ERROR, row, column] = math.sqrt(sums[0, lane])
 
 
 # ---- the map
@@ -544,17 +743,16 @@ _MISMATCH, _ALONG, _UP = (
 OUTSIDE_BY = 0.01
 """Distance outside the range, as a share of it or in ln load, at which a density has fallen by one
 half: small relative to posteriors, large relative to derivative steps."""
+_FORCE = len(OUTPUTS) + len(MEASURES) + 1
 STRAIN_MESH_ERROR = 0.025
 """Relative standard error of strain measures other than the peak stretch, dominated by corners: the
 change between meshes of 2042 and 4616 elements (`benchmarks/rupture_measures.py`)."""
-LIMIT_MARGIN = 2.0  # margin from a limit, in standard errors
-_TABLES = ("terms", "error", "limit", "strains", "strain_error")
-FURTHER: tuple[Asked, ...] = ("cavity_volume", "tip_force")
-_NUMBERS = ("length", "mesh_error")
+_TABLES = ("load", "load_error", "terms", "error", "strains", "strain_error")
+_NUMBERS = ("length", "compliance", "mesh_error")
 
 
 def stretch_offset(groups: Floats) -> Floats:
-    """Return the load b equivalent to mismatch and weight in the peak stretch [–].
+    """Return the swelling b equivalent to mismatch and weight in the peak stretch [–].
 
     Parameters
     ----------
@@ -568,8 +766,7 @@ def stretch_offset(groups: Floats) -> Floats:
 
 def _constants() -> Floats:
     """Return the constants of the coordinates: terms are meaningless with different ones."""
-    warp = [WARP.get(group.name, (0.0, 0.0)) for group in GROUPS]
-    return np.concatenate([np.ravel(warp), [LARGEST_WARPED, STRAIN, GIVE, GRAVITY_STRAIN]])
+    return np.array([LARGEST_SWELLING, STRAIN, GIVE, GRAVITY_STRAIN])
 
 
 @dataclass(frozen=True)
@@ -590,20 +787,17 @@ class FurtherTerms:
 
 @dataclass(frozen=True)
 class LimitPressure:
-    """Pressures up to which curves are smooth, before they balloon.
+    """Pressures at which actuators balloon: the largest of their curves.
 
     Parameters
     ----------
     pressure, sd : array
-        Best estimate and standard error [kPa]; nan outside the range of the groups.
-    trained : array of bool
-        Whether the estimate lies within the trained loads; outside it only shows that it lies
-        beyond.
+        Best estimate and standard error [kPa]; nan outside the range of the groups, inf where none
+        lies within the trained loads.
     """
 
     pressure: Floats
     sd: Floats
-    trained: Flags
 
 
 @dataclass(frozen=True)
@@ -614,17 +808,19 @@ class Surrogate:
     ----------
     length : float
         Length of the actuator as moulded [mm].
+    compliance : float
+        c of the swelling t = ΔV/(c s³ L³), half of the cavity's [–].
     span : TrainingRange
         Range of load and groups.
+    load : Terms
+        Y_q.
+    load_error : Terms
+        ln of its squared standard error.
     terms : Terms
         Y of each of ``OUTPUTS``.
     error : Terms
-        ln of the squared relative standard errors of ``OUTPUTS``; the peak stretch's is relative
-        to the stretch less 1.
-    limit : Terms
-        ln of the warped load x = q e^W up to which curves are smooth, and its standard error; the
-        slack enters by its range, the load not at all. Loads are refused within ``LIMIT_MARGIN``
-        standard errors of it.
+        ln of the squared relative standard errors of ``OUTPUTS`` at a given swelling; the peak
+        stretch's is relative to the stretch less 1.
     strains, strain_error : Terms
         Y of each of ``MEASURES`` of `bayesdeg.actuator.demand`, and ln of their squared relative
         standard errors.
@@ -634,24 +830,31 @@ class Surrogate:
         How it was trained: design, code version, accuracy (JSON).
     units : Units
         Units of p/M and Et/(M s) in the span and the terms.
-    further : mapping of str to FurtherTerms
-        Terms of outputs besides the shape.
+    force : FurtherTerms, optional
+        Terms of the force of a held tip.
     departure : Departure, optional
         Departure with dimensions that may differ from the nominal ones.
     """
 
     length: float
+    compliance: float
     span: TrainingRange
+    load: Terms
+    load_error: Terms
     terms: Terms
     error: Terms
-    limit: Terms
     strains: Terms
     strain_error: Terms
     mesh_error: float
     record: str
     units: Units = ONE
-    further: Mapping[Asked, FurtherTerms] = field(default_factory=dict, hash=False)
+    force: FurtherTerms | None = None
     departure: Departure | None = None
+
+    @property
+    def answers(self) -> tuple[Asked, ...]:
+        """Optional outputs that it predicts."""
+        return ("cavity_volume",) if self.force is None else ("cavity_volume", "tip_force")
 
     def __call__(self, inputs: Inputs) -> Prediction:
         """Return the prediction; outside the training range it is nan with a status."""
@@ -659,7 +862,11 @@ class Surrogate:
             return relative_to_reference(self, inputs)
         inputs = self.units.inputs(inputs)
         batch, away = self._batch(inputs)
-        return self._answer(inputs, batch, self._largest(batch, away), away)
+        rows, plans, change = self._prepared(inputs.linear_scale, batch, away)
+        values, ends, _ = map_of_rows(_plain(batch.loads), rows, plans, change, self.mesh_error)
+        refused = ~((batch.loads >= 0.0) & (batch.loads <= ends[:, None]))
+        values[:, refused] = np.nan
+        return self._prediction(inputs, batch, rows, values, refused, away)
 
     def _batch(self, inputs: Inputs) -> tuple[Batch, Floats | None]:
         """Return the rows of inputs, and the deviations of their dimensions; None without any.
@@ -696,48 +903,69 @@ class Surrogate:
         if away is not None and self.departure is not None:
             off_by = away - (away := np.clip(away, *self.departure.bounds))
             distance = np.sqrt(distance**2 + np.sum(off_by**2, axis=0))
-        limits = self._largest(inner, away)
-        asked, most = inner.loads, limits[:, None]
+        rows, plans, change = self._prepared(inputs.linear_scale, inner, away)
+        values, ends, _ = map_of_rows(_plain(inner.loads), rows, plans, change, self.mesh_error)
+        asked, most = inner.loads, ends[:, None]
+        known = inner.within[:, None] & np.isfinite(asked)
+        values[:, ~known] = np.nan
+        found = self._prediction(inputs, inner, rows, values, ~known, away)
         off = ~np.all((asked >= 0.0) & (asked <= most), axis=1) | (distance > 0.0)
         if not off.any():
-            return self._answer(inputs, inner, limits, away)
-        loads, asked, most = asked.copy(), asked[off], most[off]
-        loads[off] = np.clip(asked, 0.0, np.maximum(most, 0.0))
-        found = self._answer(inputs, replace(inner, loads=loads), limits, away)
+            return found
+        asked, most = asked[off], most[off]
         with np.errstate(divide="ignore", invalid="ignore"):
             above = np.log(np.maximum(asked / most, 1.0))
             below = np.maximum(-asked / most, 0.0)
         excess = np.sqrt(distance[off, None] ** 2 + above**2 + below**2) / OUTSIDE_BY
         return _continued(found, off, above, excess)
 
-    def _answer(
-        self, inputs: Inputs, batch: Batch, largest: Floats, away: Floats | None
-    ) -> Prediction:
+    def _prepared(
+        self, scale: Floats, batch: Batch, away: Floats | None
+    ) -> tuple[Rows, Plans, Floats]:
+        """Return rows, plans and the change of the load's series with dimensions."""
         slack, give = batch.slack
-        scale = np.broadcast_to(inputs.linear_scale, batch.row_shape).ravel()
+        scale = np.broadcast_to(scale, batch.row_shape).ravel()
         rows = Rows(
             points=batch.scaled[list(ROW_AXES)],
-            largest=largest,
-            stretching=np.exp(batch.warp[:, 0]),
+            largest=np.where(batch.within, batch.largest_load(self.span), -1.0),
             slack=slack,
             give=give,
             offset=stretch_offset(batch.groups),
             bending=1e3 / self.length / scale,
         )
         is_slack = bool(np.any(slack > 0.0))
-        values, allowed = map_of_rows(
-            np.require(batch.loads, requirements=("C", "W")),  # one layout: compiled once
-            rows,
-            active_plan(self.terms, batch.scaled, slack=is_slack),
-            active_plan(self.error, batch.scaled, slack=is_slack),
-            self.mesh_error,
+        plans = Plans(
+            *(
+                active_plan(terms, batch.scaled, slack=is_slack)
+                for terms in (self.load, self.terms, self.load_error, self.error)
+            )
         )
+        change = np.empty((0, 0))
+        if away is not None and self.departure is not None:
+            shape = (plans.load.n_orders, plans.load.n_powers)
+            change = self.departure.change_of_load(batch, away, shape)
+        return rows, plans, change
+
+    def _prediction(
+        self,
+        inputs: Inputs,
+        batch: Batch,
+        rows: Rows,
+        values: Floats,
+        refused: Flags,
+        away: Floats | None,
+    ) -> Prediction:
+        swelling, rate, load_sd = values[[_T, _RATE, _LOAD_ERROR]]
         if away is not None:
-            values = self._change((0, 1, 2), batch, rows, allowed, away).applied(values)
-        curvature, angle, stretch, slope, *sds = values.reshape(len(values), *batch.shape)
+            change = self._change((0, 1, 2, OF_LOAD), batch, away, swelling)
+            values[:_T] = change.applied(values[:_T], rate)
+        curvature, angle, stretch, slope, *sds = values[:_T].reshape(_T, *batch.shape)
         demand, demand_sd = stretch, sds[2]
         if inputs.criterion != "principal_stretch":
-            demand, demand_sd = self._demand(inputs, batch, rows, allowed, away)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                growth = np.where(curvature > 0.0, slope / curvature, 1.0)
+            spread = np.square(growth * load_sd.reshape(batch.shape))
+            demand, demand_sd = self._demand(inputs, batch, rows, swelling, spread, away)
         return Prediction(
             curvature=curvature,
             bend_angle=angle,
@@ -746,66 +974,77 @@ class Surrogate:
             sd=sds[0],
             bend_angle_sd=sds[1],
             peak_stretch_sd=demand_sd,
-            status=np.where(allowed, 0, int(Status.OUTSIDE_TRAINING)).reshape(batch.shape),
+            status=np.where(refused, int(Status.OUTSIDE_TRAINING), 0).reshape(batch.shape),
             excess=np.zeros(batch.shape),
-            further=self._further(inputs, batch, rows, allowed, away),
+            further=self._further(inputs, batch, values, refused, away),
         )
 
-    def _change(
-        self, places: tuple[int, ...], batch: Batch, rows: Rows, allowed: Flags, away: Floats
-    ) -> Change:
-        """Return the change of outputs with dimensions; the optional outputs come last.
+    def _change(self, places: tuple[int, ...], batch: Batch, away: Floats, along: Floats) -> Change:
+        """Return the change of outputs with dimensions at t, or at p/M of a held tip.
 
-        They are numbered as ``OUTPUTS``, ``MEASURES`` and the optional outputs.
+        They are numbered as ``OUTPUTS``, ``MEASURES``, the load and the force.
         """
         assert self.departure is not None
-        loads, warped = _warped(batch, rows, allowed)
-        return self.departure.change(places, batch, away, warped, loads)
+        return self.departure.change(places, batch, away, np.where(along >= 0.0, along, 0.0))
 
     def _further(
-        self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags, away: Floats | None
+        self, inputs: Inputs, batch: Batch, values: Floats, refused: Flags, away: Floats | None
     ) -> Further | None:
         """Return the requested output besides the shape; None if not trained."""
-        if inputs.asked not in self.further:
+        if inputs.asked not in self.answers:
             return None
-        trained, (loads, warped) = self.further[inputs.asked], _warped(batch, rows, allowed)
-        phi = batch.phi(loads)
-        y, by_load, by_phi = evaluate(_along_load(trained.terms), batch.scaled, warped, phi)
-        log_error = evaluate(trained.error, batch.scaled, warped, phi)[0]
-        growth = 1.0 + (warped + 1.0) * by_load - phi * (1.0 - phi) * by_phi
-        known = np.where(allowed, loads * rows.stretching[:, None], np.nan)
-        if away is not None and self.departure is not None:
-            at = len(OUTPUTS) + len(MEASURES) + self.departure.further.index(inputs.asked)
-            change = self._change((at,), batch, rows, allowed, away)
-            y, growth = y + np.log(change.factor[0]), growth + change.growth
-            log_error = np.log(np.exp(log_error) + change.variance[0])
         length = self.length * inputs.linear_scale
-        size = 2e-3 * length**3  # of both halves [ml or N]
-        if inputs.asked == "tip_force":
-            size = 2.0 * length**2 * modulus_of(inputs)
+        if inputs.asked == "cavity_volume":
+            size = 2e-3 * self.compliance * length**3  # of both halves [ml]
+            swelling, rate, load_sd = (
+                values[k].reshape(batch.shape) for k in (_T, _RATE, _LOAD_ERROR)
+            )
+            value = np.asarray(size * swelling)
+            sd = value * rate * np.hypot(load_sd, self.mesh_error)
+            return Further(value, value * rate, sd)
+        assert self.force is not None
+        loads = np.where(refused, 0.0, np.clip(batch.loads, 0.0, None))
+        unit, phi = unit_swelling(loads), batch.phi(loads)
+        y, by_load, by_phi = evaluate(_along(self.force.terms), batch.scaled, unit, phi)
+        variance = np.exp(evaluate(self.force.error, batch.scaled, unit, phi)[0])
+        growth = 1.0 + unit_rate(loads) * by_load - phi * (1.0 - phi) * by_phi
+        if away is not None:
+            change = self._change((_FORCE,), batch, away, loads)
+            y, growth = y + np.log(change.factor[0]), growth + change.growth
+            variance = variance + change.variance[0]
+        known = np.where(refused, np.nan, loads)
+        size = 2.0 * length**2 * modulus_of(inputs)  # of both halves [N]
         value = np.asarray(size * (known * np.exp(y)).reshape(batch.shape))
-        sd = value * np.sqrt(np.exp(log_error) + self.mesh_error**2).reshape(batch.shape)
+        sd = value * np.sqrt(variance + self.mesh_error**2).reshape(batch.shape)
         return Further(value, value * growth.reshape(batch.shape), sd)
 
     def _demand(
-        self, inputs: Inputs, batch: Batch, rows: Rows, allowed: Flags, away: Floats | None
+        self,
+        inputs: Inputs,
+        batch: Batch,
+        rows: Rows,
+        swelling: Floats,
+        spread: Floats,
+        away: Floats | None,
     ) -> tuple[Floats, Floats]:
-        """Return the equally demanding uniaxial stretch by a criterion, and its error."""
-        loads, warped = _warped(batch, rows, allowed)
-        places, phi = needed(inputs.criterion), batch.phi(loads)
+        """Return the equally demanding uniaxial stretch by a criterion, and its error.
+
+        ``spread`` is the relative variance due to the swelling's error.
+        """
+        t = np.where(swelling >= 0.0, swelling, 0.0)
+        places, unit, phi = needed(inputs.criterion), unit_swelling(t), batch.phi(t)
         y, log_error = (
-            evaluate(_of_outputs(terms, places), batch.scaled, warped, phi)
+            evaluate(_of_outputs(terms, places), batch.scaled, unit, phi)
             for terms in (self.strains, self.strain_error)
         )
         if away is not None:
-            at = tuple(len(OUTPUTS) + place for place in places)
-            change = self._change(at, batch, rows, allowed, away)
+            change = self._change(tuple(len(OUTPUTS) + p for p in places), batch, away, t)
             y = y + np.log(change.factor)
             log_error = np.log(np.exp(log_error) + change.variance)
-        base = np.where(allowed, (loads + rows.offset[:, None]) * rows.stretching[:, None], np.nan)
+        base = swelling + rows.offset[:, None]
         strain = demanded_strain(inputs, (base * np.exp(y)).reshape(-1, *batch.shape))
         variance = np.exp(log_error).mean(axis=0).reshape(batch.shape) + STRAIN_MESH_ERROR**2
-        return 1.0 + strain, strain * np.sqrt(variance)
+        return 1.0 + strain, strain * np.sqrt(variance + spread)
 
     def without_mesh_error(self) -> Self:
         """Return the same map with interpolation errors only, relative to its own mesh."""
@@ -838,33 +1077,50 @@ class Surrogate:
             raise BayesdegError("derivatives are not available with changed dimensions")
         inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
-        allowed = (batch.loads >= 0.0) & (batch.loads <= self._largest(batch)[:, None])
-        gradient = curvature_gradient(inputs, batch, allowed, self.terms, self.span)
+        rows, plans, change = self._prepared(inputs.linear_scale, batch, None)
+        values, ends, _ = map_of_rows(_plain(batch.loads), rows, plans, change, 0.0)
+        loads = batch.loads[:, 0]
+        swelling = np.where((loads >= 0.0) & (loads <= ends), values[_T, :, 0], np.nan)
+        gradient = curvature_gradient(inputs, batch, swelling, self.terms, self.load, self.span)
         by_given = self.units.by_given(gradient, inputs)
         return {name: value / self.length for name, value in by_given.items()}
 
     def limit_pressure(self, inputs: Inputs) -> LimitPressure:
-        """Return the pressure up to which the curve of each material is smooth, with its error."""
+        """Return the pressure at which each material balloons, with its error."""
         inputs = self.units.inputs(inputs)
         batch, away = self._batch(inputs)
         shape = (*batch.shape[:-1], 1) if batch.loads.shape[-1:] != (1,) else batch.shape
         modulus = np.broadcast_to(modulus_of(inputs), shape).ravel()
-        load, error = self._limit(batch, away)
-        largest = batch.largest_load(self.span)
-        pressure = np.where(batch.within, 1e3 * modulus * load * self.units.load, np.nan)
-        trained: Flags = batch.within & (load <= largest)
-        return LimitPressure(
-            pressure.reshape(shape), (error * pressure).reshape(shape), trained.reshape(shape)
-        )
+        rows, plans, change = self._prepared(inputs.linear_scale, batch, away)
+        whole = rows._replace(largest=np.where(batch.within, np.inf, -1.0))
+        limits = map_of_rows(np.zeros((len(modulus), 1)), whole, plans, change, 0.0)[2]
+        at_end, _, _ = map_of_rows(_plain(limits[:, None]), whole, plans, change, 0.0)
+        limits = np.where(limits <= batch.largest_load(self.span), limits, np.inf)
+        pressure = np.where(batch.within, 1e3 * modulus * limits * self.units.load, np.nan)
+        sd = np.hypot(at_end[_LOAD_ERROR, :, 0], self.mesh_error / GROWTH) * pressure
+        return LimitPressure(pressure.reshape(shape), sd.reshape(shape))
+
+    def swelling(self, groups: Floats, loads: Floats) -> Floats:
+        """Return t at loads (n,) of groups (n, 12) brought into their ranges, (n,).
+
+        Loads beyond the end of a curve count as its end; t is nan for impossible materials.
+        """
+        batch = Batch.of_groups(groups, loads, self.span).brought_inside(self.span)[0]
+        rows, plans, change = self._prepared(np.ones(()), batch, None)
+        return map_of_rows(_plain(batch.loads), rows, plans, change, 0.0)[0][_T, :, 0]
 
     def refusals(self, inputs: Inputs) -> dict[str, str]:
         """Say in words, by name, what lies outside the training range and by how much.
 
         The names are those of the groups, "load" for the largest load trained, and "limit" for
-        loads at which the curve is no longer smooth. Empty if nothing is refused.
+        loads beyond ballooning. Empty if nothing is refused.
         """
-        batch, away = self._batch(self.units.inputs(inputs))
-        found = describe(batch, self.span, self._limit_load(batch, away), self.units)
+        counted = self.units.inputs(inputs)
+        batch, away = self._batch(counted)
+        rows, plans, change = self._prepared(counted.linear_scale, batch, away)
+        _, ends, limits = map_of_rows(_plain(batch.loads), rows, plans, change, 0.0)
+        ends = np.where(np.isinf(limits), np.inf, ends)
+        found = describe(batch, self.span, ends, self.units)
         if inputs.reference_pressure is None:
             return found
         at = replace(inputs, pressure=inputs.reference_pressure, reference_pressure=None)
@@ -874,7 +1130,7 @@ class Surrogate:
     def to_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Return everything as plain arrays, for a npz file."""
         arrays: dict[str, NDArray[np.generic]] = {
-            "load": np.array(self.span.load),
+            "largest_load": np.array(self.span.load),
             "share": np.array(self.span.share),
             "groups": np.array([group.name for group in self.span.groups]),
             "ranges": np.array([(g.low, g.high, g.neutral) for g in self.span.groups]),
@@ -885,8 +1141,8 @@ class Surrogate:
             layer = () if self.units.layer is None else (self.units.layer,)
             arrays["units"] = np.array([self.units.load, self.units.paper, *layer])
         tables: dict[str, Terms] = {name: getattr(self, name) for name in _TABLES}
-        for asked, further in self.further.items():
-            tables |= {asked: further.terms, f"{asked}_error": further.error}
+        if self.force is not None:
+            tables |= {"force": self.force.terms, "force_error": self.force.error}
         for name, table in tables.items():
             arrays |= {f"{name}_orders": table.orders, f"{name}_coefficients": table.coefficients}
         if self.departure is not None:
@@ -913,64 +1169,38 @@ class Surrogate:
             raise ValueError("the emulator was trained with different groups than now")
         if not np.array_equal(constants, _constants()):
             raise ValueError("the emulator was trained in different coordinates than now")
-        # earlier files lack outputs besides the shape
-        asked = [name for name in FURTHER if f"{name}_orders" in arrays]
+        forces = ("force", "force_error") if "force_orders" in arrays else ()
         tables = {
             name: Terms(
                 arrays[f"{name}_orders"].astype(np.int64),
                 arrays[f"{name}_coefficients"].astype(np.float64),
             )
-            for name in (*_TABLES, *asked, *(f"{name}_error" for name in asked))
+            for name in (*_TABLES, *forces)
         }
         load, paper, *layer = (float(unit) for unit in arrays.get("units", np.ones(2)))
         return cls(
             length=float(arrays["length"]),
+            compliance=float(arrays["compliance"]),
             span=TrainingRange(
-                load=float(arrays["load"]),
+                load=float(arrays["largest_load"]),
                 groups=tuple(
                     replace(group, low=float(low), high=float(high))
                     for group, (low, high, _) in zip(GROUPS, ranges, strict=True)
                 ),
-                # earlier files of the whole range lack it
-                share=float(arrays.get("share", np.ones(()))),
+                share=float(arrays["share"]),
             ),
             mesh_error=float(arrays["mesh_error"]),
             record=str(arrays["record"]),
-            terms=tables["terms"],
-            error=tables["error"],
-            limit=tables["limit"],
-            strains=tables["strains"],
-            strain_error=tables["strain_error"],
             units=Units(load, paper, *layer),
-            further={name: FurtherTerms(tables[name], tables[f"{name}_error"]) for name in asked},
+            force=FurtherTerms(*(tables[name] for name in forces)) if forces else None,
             departure=Departure.from_arrays(arrays),
+            **{name: tables[name] for name in _TABLES},
         )
 
-    def _limit(self, batch: Batch, away: Floats | None) -> tuple[Floats, Floats]:
-        """Return p/M up to which curves are smooth, and its relative standard error, (n_rows,)."""
-        slack = batch.scaled[SLACK][:, None]
-        log_limit, error = evaluate(self.limit, batch.scaled, np.zeros_like(slack), slack)[:, :, 0]
-        if away is not None and self.departure is not None:
-            change, more = self.departure.limit(away)
-            log_limit, error = log_limit + change, np.hypot(error, more)
-        return np.exp(log_limit - batch.warp[:, 0]), error
 
-    def _limit_load(self, batch: Batch, away: Floats | None = None) -> Floats:
-        """Return p/M up to which curves are emulated, (n_rows,)."""
-        load, error = self._limit(batch, away)
-        safe: Floats = load * np.exp(-LIMIT_MARGIN * error)
-        return safe
-
-    def _largest(self, batch: Batch, away: Floats | None = None) -> Floats:
-        """Return p/M up to which the map is defined, (n_rows,); −1 in rows outside."""
-        largest = np.minimum(self._limit_load(batch, away), batch.largest_load(self.span))
-        return np.where(batch.within, largest, -1.0)
-
-
-def _warped(batch: Batch, rows: Rows, allowed: Flags) -> tuple[Floats, Floats]:
-    """Return p/M, 0 where refused, and the warped load on [−1, 1], each (n_rows, n_columns)."""
-    loads = np.where(allowed, batch.loads, 0.0)
-    return loads, loads * rows.stretching[:, None] * (2.0 / LARGEST_WARPED) - 1.0
+def _plain(loads: Floats) -> Floats:
+    """Return loads in the one layout for which the map is compiled."""
+    return np.require(loads, requirements=("C", "W"))
 
 
 def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> Prediction:

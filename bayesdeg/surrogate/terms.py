@@ -1,10 +1,10 @@
 """Sums of products of polynomials: their choice, and evaluation at many points.
 
-A curve has one material and many loads. So each row of points is first contracted over the material
-and the causes to coefficients along the load (and along powers of φ, the slack coordinate, which
-varies with the load), and these are summed at each load. Products of material and causes are
-computed once each, from a product with one factor less. Rows are processed in blocks, one row per
-lane, so that neither their order nor their number changes a result.
+A curve has one material and many readings. So each row of points is first contracted over the
+material and the causes to coefficients along the swelling (and along powers of φ, the slack
+coordinate, which varies with it), and these are summed at each reading. Products of material and
+causes are computed once each, from a product with one factor less. Rows are processed in blocks,
+one row per lane, so that neither their order nor their number changes a result.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from bayesdeg.surrogate.scaling import CAUSES, MATERIAL, NAMES
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-N_CHEBYSHEV = 1 + len(MATERIAL)  # the load and the material; causes enter by powers
+N_CHEBYSHEV = 1 + len(MATERIAL)  # swelling and the material; causes enter by powers
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,8 @@ class Terms:
     Parameters
     ----------
     orders : array, shape (n_terms, 13)
-        Orders of the factors, in the order of ``NAMES``: of Chebyshev polynomials in the load and
-        the material, powers of the causes.
+        Orders of the factors, in the order of ``NAMES``: of Chebyshev polynomials in the swelling
+        and the material, powers of the causes.
     coefficients : array, shape (n_outputs, n_terms)
         aₒₜ [–].
     """
@@ -118,13 +118,13 @@ class Family:
     Parameters
     ----------
     base : tuple of int
-        Degrees in load and material without a cause: Σ orderᵢ/degreeᵢ ≤ 1.
+        Degrees in swelling and material without a cause: Σ orderᵢ/degreeᵢ ≤ 1.
     single : tuple of int
         The same for terms with one cause; they decrease with its power.
     powers : tuple of int, length 9
         Highest power of each cause.
     pair, triple : tuple of int, optional
-        Degrees in load and material for products of two and three causes.
+        Degrees in swelling and material for products of two and three causes.
     """
 
     base: Degrees
@@ -220,7 +220,7 @@ def _tables(points: Floats, axis: int, orders: Indices) -> tuple[Floats, Floats]
 
 
 TOGETHER = 4  # terms, so that their sum is read and written once
-OUTPUTS = 3  # outputs for which products are read once
+OUTPUTS = 3  # outputs for which products are read once; others one by one
 ROW_AXES = tuple(axis for axis in range(1, len(NAMES)) if axis != SLACK)
 
 
@@ -234,13 +234,13 @@ class Plan(NamedTuple):
     parents, factors : array, shape (n_products,)
         Each product is an earlier one times a factor of that table; the first is 1.
     slots : array, shape (n_groups,)
-        Power of φ × ``n_orders`` + order in the load of each ``TOGETHER`` terms that share it.
+        Power of φ × ``n_orders`` + order in the swelling of each ``TOGETHER`` terms that share it.
     products : array, shape (n_groups, 4)
         Products of the terms of each group.
     coefficients : array, shape (n_groups, n_outputs, 4)
-        Coefficients of the terms; 0 where groups or `OUTPUTS` are padded.
+        Coefficients of the terms; 0 where groups are padded.
     n_orders, n_powers : int
-        Orders in the load and powers of φ, zero included.
+        Orders in the swelling and powers of φ, zero included.
     """
 
     starts: Indices
@@ -307,11 +307,10 @@ def _grouped(
         for k in range(0, len(chosen), TOGETHER)
     ]
     members = np.zeros((len(parts), TOGETHER), dtype=np.int64)
-    n_outputs = len(coefficients)
-    sizes = np.zeros((len(parts), n_outputs + -n_outputs % OUTPUTS, TOGETHER))
+    sizes = np.zeros((len(parts), len(coefficients), TOGETHER))
     for k, part in enumerate(parts):
         members[k, : len(part)] = products[part]
-        sizes[k, :n_outputs, : len(part)] = coefficients[:, part]
+        sizes[k, :, : len(part)] = coefficients[:, part]
     return np.array([slots[part[0]] for part in parts], dtype=np.int64), members, sizes
 
 
@@ -325,7 +324,7 @@ BLOCK = 32  # rows
 N_CHEBYSHEV_ROWS = len(MATERIAL)
 
 
-def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats) -> Floats:
+def evaluate(terms: Terms, rows: Floats, swelling: Floats, phi: Floats) -> Floats:
     """Return sums of terms, shape (n_outputs, n_rows, n_columns).
 
     Parameters
@@ -333,16 +332,16 @@ def evaluate(terms: Terms, rows: Floats, loads: Floats, phi: Floats) -> Floats:
     terms : Terms
         Terms to sum.
     rows : array, shape (13, n_rows)
-        Scaled material and causes, in the order of ``NAMES``; load and slack are not read.
-    loads : array, shape (n_rows, n_columns)
-        Warped load on [−1, 1].
+        Scaled material and causes, in the order of ``NAMES``; swelling and slack are not read.
+    swelling : array, shape (n_rows, n_columns)
+        Swelling on [−1, 1].
     phi : array, shape (n_rows, n_columns)
         Slack coordinate.
     """
     plan = active_plan(terms, rows, slack=bool(np.any(phi != 0.0)))
-    points, (loads, phi) = rows[list(ROW_AXES)], map(np.ascontiguousarray, (loads, phi))
-    summed: Floats = _sum_terms(points, loads, phi, plan)
-    return summed[: len(terms.coefficients)]
+    points, (swelling, phi) = rows[list(ROW_AXES)], map(np.ascontiguousarray, (swelling, phi))
+    summed: Floats = _sum_terms(points, swelling, phi, plan)
+    return summed
 
 
 def active_plan(terms: Terms, rows: Floats, *, slack: bool) -> Plan:
@@ -378,7 +377,7 @@ def _fill(
 def contract(
     along: Floats, points: Floats, plan: Plan, first: int, count: int
 ) -> None:  # pragma: no cover - compiled
-    """Contract the terms of a block of rows to coefficients along load and φ.
+    """Contract the terms of a block of rows to coefficients along swelling and φ.
 
     Parameters
     ----------
@@ -392,6 +391,8 @@ def contract(
         The block's first row, and its number of rows.
     """
     products, slots, coefficients = plan.products, plan.slots, plan.coefficients
+    n_outputs = coefficients.shape[1]
+    together = n_outputs - n_outputs % OUTPUTS
     table = np.empty((plan.starts[-1], BLOCK))
     _fill(table, points, plan.starts, first, count)
     product = np.empty((plan.parents.shape[0], BLOCK))
@@ -405,8 +406,8 @@ def contract(
     for t in range(products.shape[0]):
         one, two = product[products[t, 0]], product[products[t, 1]]
         three, four = product[products[t, 2]], product[products[t, 3]]
-        for output in range(0, coefficients.shape[1], OUTPUTS):
-            total = sums[(slots[t] * coefficients.shape[1] + output) * BLOCK :]
+        for output in range(0, together, OUTPUTS):
+            total = sums[(slots[t] * n_outputs + output) * BLOCK :]
             c = coefficients[t, output : output + OUTPUTS]
             a0, a1, a2, a3 = c[0, 0], c[0, 1], c[0, 2], c[0, 3]
             b0, b1, b2, b3 = c[1, 0], c[1, 1], c[1, 2], c[1, 3]
@@ -416,13 +417,20 @@ def contract(
                 total[lane] += (a0 * w + a1 * x) + (a2 * y + a3 * z)
                 total[BLOCK + lane] += (b0 * w + b1 * x) + (b2 * y + b3 * z)
                 total[2 * BLOCK + lane] += (c0 * w + c1 * x) + (c2 * y + c3 * z)
+        for output in range(together, n_outputs):
+            total = sums[(slots[t] * n_outputs + output) * BLOCK :]
+            c = coefficients[t, output]
+            a0, a1, a2, a3 = c[0], c[1], c[2], c[3]
+            for lane in range(BLOCK):
+                pair = a0 * one[lane] + a1 * two[lane]
+                total[lane] += pair + (a2 * three[lane] + a3 * four[lane])
 
 
 @compiled
 def _along(
     value: Floats, along: Floats, load: Floats, phi: Floats, work: Floats, n_orders: int
 ) -> None:  # pragma: no cover - compiled
-    """Sum along the load and φ at one column of a block of rows."""
+    """Sum along the swelling and φ at one column of a block of rows."""
     value[:] = 0.0
     power, t0, t1 = work[0], work[1], work[2]
     power[:] = 1.0

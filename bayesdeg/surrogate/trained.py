@@ -98,10 +98,10 @@ def lacking(
 
     Examples
     --------
-    >>> lacking(default_surrogate(), ["cavity_volume"])
-    'the emulator does not predict the cavity volume'
+    >>> lacking(default_surrogate(), ["tip_force"])
+    'the emulator does not predict the tip force'
     """
-    missing = [name.replace("_", " ") for name in asked if name not in surrogate.further]
+    missing = [name.replace("_", " ") for name in asked if name not in surrogate.answers]
     if missing:
         return f"the emulator does not predict the {' or the '.join(missing)}"
     known = surrogate.departure

@@ -193,9 +193,7 @@ candidates = ["pressure_offset"]
 "c2_ratio_at_0" = { law = "uniform", low = -0.3, high = 0.3 }
 "paper_stiffness" = { law = "lognormal", median = 2e5, sigma = 0.1 }
 """
-TINY = Recipe(
-    Resolution(9.0, 9.0, 9.0), Resolution(5.0, 9.0, 9.0), coarse_runs=10, fine_runs=4, further=False
-)
+TINY = Recipe(Resolution(9.0, 9.0, 9.0), Resolution(5.0, 9.0, 9.0), coarse_runs=10, fine_runs=4)
 
 
 @pytest.fixture

@@ -231,7 +231,7 @@ def test_run_trains_the_departure_and_goes_on_where_it_stopped(trains):
     )
 
 
-TINY_PNEUNET = Recipe(COARSE, FINE, coarse_runs=8, fine_runs=2, further=False)
+TINY_PNEUNET = Recipe(COARSE, FINE, coarse_runs=8, fine_runs=2)
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, multivariate_normal, norm
+from scipy.stats import kstest, multivariate_normal
 
 from bayesdeg.criticism.checks.discrepancy import (
     ALIKE,
@@ -14,7 +14,6 @@ from bayesdeg.criticism.checks.discrepancy import (
     EACH,
     EVERYWHERE,
     FEWEST,
-    LARGE,
     LONG,
     SHORT,
     Misfit,
@@ -23,13 +22,11 @@ from bayesdeg.criticism.checks.discrepancy import (
     explained_on_one_scale,
     largest_ratio,
     measure,
-    power,
     resolved,
 )
 from bayesdeg.criticism.fit.linear import linearise
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL
 from bayesdeg.observations.curvature import ANGLE, CURVATURE, Curvature
-from bayesdeg.observations.readings import places_of
 from tests.criticism import straight_subject as straight
 from tests.criticism.linear_case import drawn, known_linear, with_readings
 from tests.criticism.straight_subject import reading
@@ -187,31 +184,6 @@ def test_data_are_simulated_until_the_side_of_a_level_is_clear(linear, share, le
     assert len(found.null) in count
     assert found.p_value == pytest.approx(share, abs=4.0 * np.sqrt(share / len(found.null)))
     np.testing.assert_array_equal(found.null[:200], few)
-
-
-def test_of_readings_of_many_specimens_a_large_misfit_is_seen(linear):
-    assert power(linear) > 0.95
-
-
-def test_of_a_single_reading_the_power_is_that_of_its_chi_square():
-    """z ~ N(0, 1 + 0.25 e²/s²) beyond the bound that pure noise passes at the level."""
-    row = np.array([3])
-    specimen, level, x = (of[row] for of in (straight.SPECIMEN, straight.LEVEL, straight.X))
-    whole = straight.subject_of(straight.readings(0))
-    subject = straight.reading(
-        whole,
-        observed_values=whole.observed[row],
-        read_at=places_of(x, level=level, specimen=specimen),
-        group=specimen,
-        common=lambda values, readings: straight.COMMON * x,
-        rows=row,
-    )
-    linear = linearise(subject, np.array([1.0, 0.0]), uncertain=np.diag([0.5, 0.3]) ** 2)
-    envelope, sd = 1.1 * abs(subject.observed[0]), abs(float(linear.factor[0, 0]))
-    widened = norm(scale=np.hypot(1.0, LARGE * envelope / sd))
-    exact = 2.0 * widened.sf(norm.isf(0.5 * MISFIT_LEVEL))
-    assert MISFIT_LEVEL < exact < 0.5
-    assert power(linear) == pytest.approx(exact, rel=1e-6)
 
 
 def test_simulated_data_without_an_answer_are_left_out_and_counted(linear):

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from bayesdeg.causes.creep import CAUSE as CREEP
 from bayesdeg.criticism.checks.conflict import questioned_at
-from bayesdeg.criticism.checks.discrepancy import LARGE, Misfit
+from bayesdeg.criticism.checks.discrepancy import Misfit
 from bayesdeg.criticism.checks.known_terms import Acts, KnownTerm, Quantified
 from bayesdeg.criticism.checks.missing_terms import MissingTerm, MissingTerms
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
@@ -33,8 +33,9 @@ from bayesdeg.criticism.decide.verdict import (
     LEAST_CHANGE,
     LEAST_EXPLAINED,
     LEAST_ON_ONE_SCALE,
-    LEAST_POWER,
+    MOST_HIDDEN,
     NEARLY_ALL,
+    CoarseMap,
     Decision,
     ImplausibleSize,
     LittlePower,
@@ -46,12 +47,13 @@ from bayesdeg.criticism.decide.verdict import (
     NotTested,
     SharedByLevel,
     StructureLeft,
+    TakenForErrors,
     TooLittleExplained,
     Uncalibrated,
     decide,
     share_explained,
 )
-from bayesdeg.criticism.findings import Conflict, RuptureMisfit
+from bayesdeg.criticism.findings import Conflict, Detectable, ImplausibleErrors, RuptureMisfit
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
@@ -208,21 +210,35 @@ def test_a_cause_with_nothing_to_hold_out_leaves_only_a_misfit_to_be_judged(p_va
 
 
 @pytest.mark.parametrize(
-    ("p_value", "power", "outcome"),
+    ("p_value", "hidden", "outcome"),
     [
-        (0.5, LEAST_POWER, Outcome.ADEQUATE),
-        (0.5, LEAST_POWER - 1e-6, Outcome.NOT_JUDGED),
-        (0.001, 0.0, Outcome.UNEXPLAINED),
+        (0.5, MOST_HIDDEN, Outcome.ADEQUATE),
+        (0.5, MOST_HIDDEN + 1e-6, Outcome.NOT_JUDGED),
+        (0.5, float("nan"), Outcome.NOT_JUDGED),
+        (0.001, 100.0, Outcome.UNEXPLAINED),
     ],
 )
-def test_readings_that_would_hide_a_large_misfit_make_no_model_adequate(
-    p_value, power, outcome, monkeypatch
-):
-    monkeypatch.setattr(deciding, "power", lambda linear: power)
-    found = outcome_of(base=step(p_value))
+def test_readings_that_would_hide_a_large_misfit_make_no_model_adequate(p_value, hidden, outcome):
+    seen = Detectable(kind="readings", misfit_pct=hidden)
+    found = outcome_of(base=step(p_value), detectable=seen)
     assert (found.outcome, found.causes) == (outcome, ())
-    judged = outcome is not Outcome.NOT_JUDGED
-    assert found.reasons == (() if judged else (LittlePower(LARGE, power),))
+    assert [type(why) for why in found.reasons] == (
+        [LittlePower] if outcome is Outcome.NOT_JUDGED else []
+    )
+
+
+def test_a_map_that_errs_by_more_than_the_readings_is_not_called_adequate():
+    coarse = CoarseMap(1.7)
+    assert outcome_of(base=step(0.5), coarse=coarse).reasons == (coarse,)
+    assert outcome_of(base=step(0.001), coarse=coarse).outcome is Outcome.UNEXPLAINED
+
+
+@pytest.mark.parametrize("supported", [(), (support(),)])
+def test_errors_that_the_readings_do_not_have_are_a_misfit(supported):
+    errors = ImplausibleErrors(kind="curvature", noise_ratio=5.0, r_squared=0.9)
+    found = outcome_of(*supported, base=step(0.5), errors=errors)
+    assert (found.outcome, found.causes) == (Outcome.UNEXPLAINED, ())
+    assert found.reasons == (TakenForErrors("curvature", 5.0, 0.9),)
 
 
 @pytest.mark.parametrize("p_value", [0.001, 0.5])

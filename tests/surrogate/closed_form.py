@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from scipy.optimize import brentq
+from threadpoolctl import threadpool_limits
 
 from bayesdeg.actuator.curve import CurveSolution, PathSamples
 from bayesdeg.actuator.inputs import PAPER_THICKNESS, Inputs, Prediction
@@ -13,15 +15,15 @@ from bayesdeg.actuator.sensitivity import INPUTS
 from bayesdeg.actuator.status import Status
 from bayesdeg.surrogate.design import space_filling
 from bayesdeg.surrogate.fit import WHOLE, FitPlan, train
-from bayesdeg.surrogate.regression import Prior
+from bayesdeg.surrogate.regression import ANGLES as ANGLE_OUTPUTS
+from bayesdeg.surrogate.regression import EQUIVALENT, LOADS, WEIBULL, Prior
+from bayesdeg.surrogate.regression import STRETCH as STRETCH_OUTPUTS
 from bayesdeg.surrogate.scaling import TrainingRange
 from bayesdeg.surrogate.terms import Family
 
 LENGTH = 50.0
 SPAN = TrainingRange()
-COARSE_EXCESS = 0.04  # a coarse mesh is too stiff or too soft by a factor that depends on load
-READ = (0, 1, *range(3, len(OUTPUTS)))  # bend angle, arc length, peak stretch, measures of strain
-VOLUME, EMPTY = 2, 430.0  # of the half cavity at rest [mm³]
+COARSE_EXCESS = 0.04  # a coarse mesh is too stiff or too soft by a factor that depends on swelling
 STEP = 1e-30  # imaginary: derivatives are exact to rounding
 
 
@@ -29,7 +31,7 @@ STEP = 1e-30  # imaginary: derivatives are exact to rounding
 class Box:
     """Range of the load and of softening, ln(C3/M) and ln of the paper's group."""
 
-    load: float = SPAN.load
+    load: float = 0.96
     lower: tuple[float, ...] = tuple(SPAN.lower[:3].tolist())
     upper: tuple[float, ...] = tuple(SPAN.upper[:3].tolist())
 
@@ -65,16 +67,40 @@ def arc_excess(load, u, a):
     return load * (0.05 + 0.02 * u + 0.01 * a)
 
 
-def limit_load(a, b):
-    """q at which the closed form balloons, were the walls as thick as the base model's."""
-    return 0.75 * math.exp(0.3 * a + 0.4 * (b + 1.0))
+# ---- the same kind of actuator by its swelling, with all causes
+
+LARGEST, TURN = 15.0, 1.9  # of 1 + t, and where a curve bends over in it
+FILLED, EMPTY = 0.006, 430.0  # swept volume over L³ t; that of the half cavity at rest [mm³]
+POINTS = 13  # equilibria of a path
+BEYOND, FURTHEST = 1.1, 20.0  # swelling at which a path stops: over that at its limit, and at most
 
 
-def slack_left(load, slack, paper):
-    """Share of the slack that the load has not taken up; nothing of a tight paper."""
-    if slack == 0.0:
-        return 0.0 * load
-    return slack / (slack + 2.9 * load / (paper + 30.0))
+@dataclass(frozen=True)
+class Place:
+    """Groups over M, the first three also on [-1, 1], and effects of causes."""
+
+    modulus: complex
+    paper: complex
+    second: complex
+    a: complex
+    b: complex
+    c: complex
+    weight: complex
+
+    @classmethod
+    def of(cls, m):
+        second = m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
+        modulus = 1.0 + second
+        c3, paper = m["c3_ratio"] / modulus, m["paper_group"] / modulus
+        _, a, b, c = unit_coordinates(0.0, m["c2_ratio"] / modulus / np.sqrt(3.0 * c3), c3, paper)
+        weight = size_of(m["gravity_along"], m["gravity_up"]) / modulus
+        return cls(modulus, paper, second / modulus, a, b, c, weight)
+
+
+def size_of(*parts):
+    """Length of a vector, without a derivative where it vanishes."""
+    square = sum(part**2 for part in parts)
+    return np.sqrt(square) if np.real(square) > 0.0 else 0.0
 
 
 def softer_walls(m):
@@ -82,97 +108,130 @@ def softer_walls(m):
     return -0.06 * m["skin"] / 1.2 - 2.0 * (m["wall_factor"] - 1.0) + 0.9 * m["erosion"]
 
 
-def cause_gain(m, g, phi, b):
-    """What the other causes add to ``log_gain``; 0 for the paper that a base model assumes."""
+def slack_left(t, m, place):
+    """Share of the slack that swelling has not taken up; nothing of a tight paper."""
+    if m["paper_slack"] == 0.0:
+        return 0.0 * t
+    return m["paper_slack"] / (m["paper_slack"] + 2.9 * t / (place.paper + 30.0))
+
+
+def cause_gain(t, m, place):
+    """What causes add to ln(κ s L/t); 0 for the paper that a base model assumes."""
     thickness = m["paper_thickness"] ** 2 - (PAPER_THICKNESS / 0.853) ** 2
     return (
-        0.5 * g
-        - (0.05 + 0.02 * b) * m["skin"]
+        0.5 * place.second
+        - (0.05 + 0.02 * place.b) * m["skin"]
         - 0.8 * thickness
-        - 0.3 * phi
-        + (2.0 + 0.5 * b) * m["paper_mismatch"]
+        - 0.3 * slack_left(t, m, place)
+        + (2.0 + 0.5 * place.b) * m["paper_mismatch"]
         - 400.0 * m["gravity_up"] / (1.0 + 0.2887 * m["second_invariant_ratio"])
         + 300.0 * m["gravity_along"] * m["skin"]
     )
 
 
-def readings_at(load, m, *, fine=True):
-    """Bend angle, arc length and peak stretch, of real or complex inputs."""
-    second = m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
-    modulus = 1.0 + second
-    q, c3, paper = load / modulus, m["c3_ratio"] / modulus, m["paper_group"] / modulus
-    w = softer_walls(m)
-    x = q * np.exp(w)
-    u, a, b, c = unit_coordinates(x, m["c2_ratio"] / modulus / np.sqrt(3.0 * c3), c3, paper)
-    excess = 0.0 if fine else COARSE_EXCESS * (1.0 + 0.5 * u + 0.3 * b)
-    effect = cause_gain(m, second / modulus, slack_left(q, m["paper_slack"], paper), b)
+def load_at(t, m, *, fine=True):
+    """p/C1 at a swelling: of soft materials it has a largest value, of stiff ones none."""
+    place = Place.of(m)
+    v, stiff = np.log(1.0 + t / TURN), 1.0 + place.b
+    y = (
+        0.15 * place.a
+        + 0.2 * place.b
+        + 0.05 * place.c
+        - (1.3 - 0.1 * place.a) * v
+        + (0.012 * stiff + 0.04 * stiff**2) * v**2
+        - softer_walls(m)
+        - 0.15 * slack_left(t, m, place)
+        + 0.3 * place.second
+    )
+    if not fine:
+        y = y + 0.5 * COARSE_EXCESS * (1.0 + 0.4 * v - 0.2 * place.b)
+    return place.modulus * t * np.exp(y)
+
+
+def readings_at(t, m, *, fine=True):
+    """All readings at swellings (n,), of real or complex inputs, (n, n_outputs)."""
+    place = Place.of(m)
+    u, v = 2.0 * np.log(1.0 + t) / math.log(LARGEST) - 1.0, np.log(1.0 + t / TURN)
+    excess = 0.0 if fine else COARSE_EXCESS * (1.0 + 0.3 * u + 0.3 * place.b)
+    effect = cause_gain(t, m, place)
     # body forces and misfit bend and stretch the actuator at rest
-    weight = np.sqrt(m["gravity_along"] ** 2 + m["gravity_up"] ** 2) / modulus
-    misfit = np.sqrt(m["paper_mismatch"] ** 2)
-    rest = 0.8 * m["paper_mismatch"] + 500.0 * m["gravity_up"] / modulus
-    kappa = (rest + x * np.exp(log_gain(u, a, b, c) + excess + effect)) / LENGTH
-    arc = LENGTH * (1.0 + arc_excess(x, u, a))
-    pulled = stretch_excess(1.0, u, b) * np.exp(w + 0.5 * effect)
-    return kappa * arc, arc, 1.0 + (q + misfit + 60.0 * weight) * pulled
-
-
-def all_readings_at(load, m, *, fine=True):
-    """The same with Weibull strains and equivalent stretches, each another function of the peak."""
-    angle, arc, stretch = np.broadcast_arrays(*readings_at(load, m, fine=fine))
+    rest = 0.8 * m["paper_mismatch"] + 500.0 * m["gravity_up"] / place.modulus
+    bent = 0.25 - 0.35 * u + 0.05 * u**2 - 0.15 * place.a + 0.1 * place.b - 0.1 * place.c
+    bent = bent + 0.05 * u * place.b + 0.03 * place.a * place.b + excess + effect
+    kappa = (rest + t * np.exp(bent)) / LENGTH
+    arc = LENGTH * (1.0 + (0.08 + 0.02 * place.a) * v)
+    offset = size_of(m["paper_mismatch"]) + 60.0 * place.weight
+    pulled = np.exp(-0.6 - 0.5 * u + 0.1 * place.b + 0.5 * effect)
+    stretch = 1.0 + (t + offset) * pulled
+    # each measure of strain is another function of the peak
     strains = [
-        measured + (0.5 + 0.1 * k) * (stretch - 1.0) * (1.0 + 0.2 * k * (stretch - 1.0))
+        measured + (0.5 + 0.1 * k) * (stretch - 1.0) * (1.0 + 0.02 * k * (stretch - 1.0))
         for k, measured in enumerate((0.0, 0.0, 0.0, 0.0, 1.0, 1.0))
     ]
-    return np.column_stack([angle, arc, stretch, *strains])
+    volume = EMPTY + 40.0 * m["paper_mismatch"] + FILLED * LENGTH**3 * t
+    return np.column_stack(np.broadcast_arrays(kappa * arc, arc, volume, stretch, *strains))
 
 
-def volume_at(load, m, *, fine=True):
-    """Volume of the half cavity [mm³]: weight and misfit fill it a little at rest."""
-    modulus = 1.0 + m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
-    q, c3 = load / modulus, m["c3_ratio"] / modulus
-    x = q * np.exp(softer_walls(m))
-    softening = m["c2_ratio"] / modulus / np.sqrt(3.0 * c3)
-    u, a, b, _ = unit_coordinates(x, softening, c3, m["paper_group"] / modulus)
-    excess = 0.0 if fine else 0.5 * COARSE_EXCESS * (1.0 + 0.3 * u)
-    swelling = x * np.exp(0.2 + 0.4 * u - 0.2 * a - 0.1 * b + 0.1 * m["skin"] + excess)
-    return EMPTY + 40.0 * m["paper_mismatch"] + 0.005 * LENGTH**3 * swelling
+def largest_of(m, *, fine=True):
+    """Swelling and load at which a material balloons, found by brute force; inf where it never."""
+    grid = np.expm1(np.linspace(0.0, math.log(40.0), 400))
+    falls = np.flatnonzero(np.diff(load_at(grid, m, fine=fine)) < 0.0)
+    if len(falls) == 0:
+        return math.inf, math.inf
+    low, high = grid[max(falls[0] - 1, 0)], grid[falls[0] + 2]
+
+    def rate(t):
+        return float(np.imag(load_at(t + 1j * STEP, m, fine=fine)))
+
+    t = brentq(lambda t: rate(t) / STEP, low, high, xtol=1e-14, rtol=1e-14)
+    return t, float(load_at(t, m, fine=fine))
 
 
-def limit_of(m):
-    """p/C1 at which a material balloons."""
-    modulus = 1.0 + m["second_invariant_ratio"] / (2.0 * math.sqrt(3.0))
-    c3 = m["c3_ratio"] / modulus
-    softening = m["c2_ratio"] / modulus / math.sqrt(3.0 * c3)
-    _, a, b, _ = unit_coordinates(0.0, softening, c3, m["paper_group"] / modulus)
-    return modulus * limit_load(a, b) * math.exp(-softer_walls(m))
+def swelling_at(load, m, *, fine=True):
+    """Swelling of the rising part at a load below the largest, by brute force."""
+    end = min(largest_of(m, fine=fine)[0], 1e9)
+    return brentq(lambda t: load_at(t, m, fine=fine) - load, 0.0, end, xtol=1e-300, rtol=1e-15)
 
 
 def sample(curve, *, fine=True):
-    """Answer one curve as the finite element model would, with exact derivatives."""
+    """Answer one curve as the finite element model would, with exact derivatives.
+
+    The path goes on to a tenth beyond the swelling at which it balloons.
+    """
     m = vars(curve.material)
-    limit = limit_of(m)
-    loads = np.array([0.0, *(q for q in curve.loads if q < limit)])
-    met = len(loads) <= len(curve.loads)
-    readings = np.full((len(loads), len(OUTPUTS)), np.nan)
-    readings[:, READ] = all_readings_at(loads, m, fine=fine)
-    readings[:, VOLUME] = volume_at(loads, m, fine=fine)
-    gradients = np.full((*readings.shape, len(INPUTS)), np.nan)
+    at_limit, limit = largest_of(m, fine=fine)
+    met = limit < curve.loads[-1]
+    end = BEYOND * at_limit if met else swelling_at(curve.loads[-1], m, fine=fine)
+    end = min(end, FURTHEST)
+    t = np.expm1(math.log1p(end) * np.linspace(0.0, 1.0, POINTS) ** 1.2)
+    values = both_at(t, m, fine=fine)
+    along = both_at(t + 1j * STEP, m, fine=fine).imag / STEP
+    gradients = np.empty((POINTS, len(OUTPUTS), len(INPUTS)))
+    by_load = along[:, 1:] / along[:, :1]
     for k, name in enumerate(INPUTS):
-        load = loads + 1j * STEP if name == "load" else loads
-        moved = m if name == "load" else m | {name: m[name] + 1j * STEP}
-        if name == "paper_slack" and m[name] == 0.0:
-            moved = m  # of a tight paper no use is made of this derivative
-        gradients[:, READ, k] = all_readings_at(load, moved, fine=fine).imag / STEP
-        gradients[:, VOLUME, k] = np.imag(volume_at(load, moved, fine=fine)) / STEP
+        if name == "load":
+            gradients[:, :, k] = by_load
+            continue
+        # of a tight paper no use is made of the derivative by its slack
+        is_tight = name == "paper_slack" and m[name] == 0.0
+        moved = m if is_tight else m | {name: m[name] + 1j * STEP}
+        change = both_at(t, moved, fine=fine).imag / STEP
+        gradients[:, :, k] = change[:, 1:] - by_load * change[:, :1]
     return PathSamples(
-        loads=loads,
-        readings=readings,
+        loads=values[:, 0],
+        readings=values[:, 1:],
         gradients=gradients,
         status=Status.LIMIT_POINT if met else Status.CONVERGED,
         limit_load=limit if met else math.inf,
-        iterations=3 * len(loads),
+        iterations=3 * POINTS,
         solver="closed form",
     )
+
+
+def both_at(t, m, *, fine=True):
+    """Load and readings at swellings, (n, 1 + n_outputs)."""
+    load = load_at(t, m, fine=fine)
+    return np.column_stack([load, readings_at(t, m, fine=fine)])
 
 
 def solution(angle, arc, stretch, *, status=Status.CONVERGED, limit_load=math.inf):
@@ -228,24 +287,31 @@ class ClosedFormMap:
 POWERS = (1, 2, 2, 2, 1, 1, 2, 2, 2)
 ONCE = (1, 1, 0, 1, 1, 1, 1, 1, 1)
 ANGLES = FitPlan(
-    (0, 1),
+    ANGLE_OUTPUTS,
     True,
-    Family((4, 2, 2, 2), (2, 1, 1, 1), POWERS, (1, 0, 1, 0)),
+    Family((5, 2, 2, 2), (3, 1, 1, 1), POWERS, (1, 0, 1, 0)),
     Family((2, 1, 1, 0), (1, 0, 0, 0), ONCE),
     Prior(noise=1e-3),
     Prior(noise=1e-3),
 )
 STRETCH = FitPlan(
-    (2,),
+    STRETCH_OUTPUTS,
     False,
     Family((3, 2, 2, 1), (1, 0, 1, 0), POWERS),
     Family((1, 1, 1, 0), (0, 0, 0, 0), (0,) * 9),
     Prior(noise=1e-2),
     Prior(noise=1e-2),
 )
+LOAD = replace(
+    ANGLES,
+    outputs=LOADS,
+    family=Family((8, 3, 4, 2), (4, 1, 1, 1), POWERS, (1, 0, 1, 0)),
+    correction=Family((3, 1, 2, 1), (1, 0, 0, 0), ONCE),
+)
 PLANS = (
     *(ANGLES, STRETCH),
-    *(replace(ANGLES, outputs=(3, 4, 5, 6)), replace(STRETCH, outputs=(7, 8))),
+    *(replace(ANGLES, outputs=WEIBULL), replace(STRETCH, outputs=EQUIVALENT)),
+    LOAD,
 )
 RECORD = {"design": "closed form"}
 
@@ -263,11 +329,12 @@ def training_runs(coarse, fine, *, seed=5):
 @cache
 def trained(*, mesh_error=0.0):
     """Train a small surrogate on the closed form: 96 coarse curves, 24 fine ones."""
-    return train(
-        *training_runs(96, 24),
-        span=SPAN,
-        length=LENGTH,
-        mesh_error=mesh_error,
-        record=RECORD,
-        terms=replace(WHOLE, plans=PLANS, volume=replace(ANGLES, outputs=(9,))),
-    )
+    with threadpool_limits(1):
+        return train(
+            *training_runs(96, 24),
+            span=SPAN,
+            length=LENGTH,
+            mesh_error=mesh_error,
+            record=RECORD,
+            terms=replace(WHOLE, plans=PLANS),
+        )

@@ -4,13 +4,16 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import brentq, minimize_scalar
 
 from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.surrogate.fit import summed
 from bayesdeg.surrogate.scaling import CAUSES, GROUPS, NAMES, SECOND, TrainingRange
 from bayesdeg.surrogate.surrogate import Surrogate
 from bayesdeg.surrogate.terms import Terms
 
 SPAN = TrainingRange()
+LARGEST = 14.0  # swelling that is trained
 DEGREES = (6, 4, 4, 3, 2, 2, 2, 3, 2, 2, 2, 2, 2)
 OPTIONAL = {
     "second_invariant": (0.0, 0.15),
@@ -24,10 +27,11 @@ OPTIONAL = {
     "erosion": (0.02, 0.25),
 }
 TOGETHER = 1e-3  # slack and mismatch of a paper up to which they may go together
-LIMIT_ERRORS = 2.0  # standard errors that are kept away from a limit
+COMPLIANCE = 0.006
+END, GROWTH = 0.995, 2.0  # of the largest load, and growth up to which a mesh error is known
 
 
-def random_terms(generator, count, outputs, *, size, with_load=True):
+def random_terms(generator, count, outputs, *, size):
     """Terms of decaying size, the constant among them; each has at most two causes."""
     orders = np.zeros((count, 13), dtype=np.int64)
     for row in orders[1:]:
@@ -36,27 +40,33 @@ def random_terms(generator, count, outputs, *, size, with_load=True):
         if generator.random() < 0.6:
             causes = 4 + generator.choice(9, generator.integers(1, 3), replace=False)
             row[causes] = [generator.integers(1, DEGREES[c] + 1) for c in causes]
-    if not with_load:
-        orders[:, 0] = 0
     orders = np.unique(orders, axis=0)
     falling = 1.0 / (1.0 + orders.sum(axis=1)) ** 2
     return Terms(orders, size * falling * generator.normal(size=(outputs, len(orders))))
 
 
 def small_surrogate(*, count=120, seed=3, mesh_error=0.002):
+    """An emulator of which about half of the materials balloon within the trained loads."""
     generator = np.random.default_rng(seed)
-    error = random_terms(generator, 12, 3, size=0.5)
+    error, load_error = (
+        random_terms(generator, 40, k, size=size) for k, size in ((3, 0.5), (1, 2.0))
+    )
     error.coefficients[:, 0] -= 11.0
-    limit = random_terms(generator, 12, 2, size=0.2, with_load=False)
-    limit.coefficients[0, 0] -= 0.3
-    limit.coefficients[1] *= 0.6
-    limit.coefficients[1, 0] = 0.03
+    load_error.coefficients[:, 0] -= 11.0
+    load = random_terms(generator, 60, 1, size=0.3)
+    # Y_q falls by 1.2 ln(1 + t), more or less by the stiffness
+    slopes = np.zeros((4, 13), dtype=np.int64)
+    slopes[1, 0] = slopes[2, 0] = slopes[2, 2] = slopes[3, 2] = 1
+    slope = 0.57 * math.log1p(LARGEST)
+    known = Terms(slopes, np.array([[-slope, -slope, 0.9, 0.9]]))
     return Surrogate(
         length=50.0,
+        compliance=COMPLIANCE,
         span=SPAN,
+        load=summed(load, known),
+        load_error=load_error,
         terms=random_terms(generator, count, 3, size=0.5),
         error=error,
-        limit=limit,
         strains=random_terms(generator, count, 6, size=0.5),
         strain_error=random_terms(generator, 12, 6, size=0.5),
         mesh_error=mesh_error,
@@ -123,22 +133,21 @@ def groups_by_hand(inputs, index):
 
 
 def slow_sum(terms, point):
-    """Cosines and powers, one term after another."""
-    total = np.zeros(len(terms.coefficients))
+    """Cosines and powers, one term after another; of points that are numbers or arrays."""
+    total = 0.0
     for orders, a in zip(terms.orders, terms.coefficients.T, strict=True):
         factor = 1.0
-        for axis, (order, x) in enumerate(zip(orders, point, strict=True)):
-            if axis < 4:
-                x = min(max(x, -1.0), 1.0)
-                factor *= math.cos(order * math.acos(x))
-            else:
-                factor *= x**order
-        total += a * factor
-    return total
+        for axis in np.flatnonzero(orders):
+            order, x = orders[axis], point[axis]
+            factor = factor * (
+                np.cos(order * np.arccos(np.clip(x, -1.0, 1.0))) if axis < 4 else x**order
+            )
+        total = total + np.multiply.outer(a, factor)
+    return np.zeros(len(terms.coefficients)) + total if np.ndim(total) < 2 else total
 
 
-def point_by_hand(at, warp, largest_warped=1.5):
-    """Coordinates of one point; ``warp`` of scaled causes by name."""
+def point_by_hand(at, t):
+    """Coordinates of a material at a swelling, or several."""
     material = [2 * (at[g.name] - g.low) / (g.high - g.low) - 1 for g in GROUPS[:3]]
     causes = {}
     for group in CAUSES:
@@ -149,43 +158,92 @@ def point_by_hand(at, warp, largest_warped=1.5):
         else:
             size = max(group.high - group.neutral, group.neutral - group.low)
             causes[group.name] = (at[group.name] - group.neutral) / size
-    exponent = sum(a * causes[name] + b * causes[name] ** 2 for name, (a, b) in warp.items())
-    strain = 2.9 * at["load"] / (math.exp(at["log_paper"]) + 30.0)
+    strain = 2.9 * t / (math.exp(at["log_paper"]) + 30.0)
     slack = at["paper_slack"]
-    by_range = list(causes.values())
-    causes["paper_slack"] = slack / (slack + strain) if slack > 0 else 0.0
-    x = at["load"] * math.exp(exponent)
-    return [2 * x / largest_warped - 1, *material, *causes.values()], exponent, x, by_range
+    causes["paper_slack"] = slack / (slack + strain) if slack > 0 else 0.0 * t
+    return [2 * np.log1p(t) / math.log1p(LARGEST) - 1, *material, *causes.values()]
 
 
-def predict_by_hand(surrogate, at, scale, warp):
+def load_by_hand(surrogate, at, t):
+    """p/M at a swelling."""
+    return t * np.exp(slow_sum(surrogate.load, point_by_hand(at, t))[0])
+
+
+def first_limit(surrogate, at):
+    """Swelling and load of the first maximum below the largest swelling; inf without one."""
+    grid = np.expm1(np.linspace(0.0, math.log1p(LARGEST), 2001))
+    loads = load_by_hand(surrogate, at, grid)
+    falls = np.flatnonzero(np.diff(loads) < 0.0)
+    if len(falls) == 0:
+        return math.inf, math.inf
+    k = int(falls[0])
+    ends = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, 2000)])
+    found = minimize_scalar(
+        lambda t: -load_by_hand(surrogate, at, t), bounds=ends, options={"xatol": 1e-9}
+    )
+    return found.x, -found.fun
+
+
+def swelling_by_hand(surrogate, at, load, last):
+    """Swelling below the last one at a load."""
+    return brentq(
+        lambda t: load_by_hand(surrogate, at, t) - load, 0.0, last, xtol=1e-300, rtol=1e-15
+    )
+
+
+def limit_by_hand(surrogate, at):
+    """p/M at which a material balloons, and its relative standard error, that at the end."""
+    at_limit, limit = first_limit(surrogate, at)
+    largest = float(SPAN.largest_load(np.array(point_by_hand(at, 0.0)[2])))
+    if limit > largest:
+        return math.inf, math.inf
+    t = swelling_by_hand(surrogate, at, END * limit, at_limit)
+    of_load = math.exp(slow_sum(surrogate.load_error, point_by_hand(at, t))[0])
+    return limit, math.sqrt(of_load + (surrogate.mesh_error / GROWTH) ** 2)
+
+
+def predict_by_hand(surrogate, at, scale):
     """The outputs of one point, their standard errors, and whether it is allowed."""
-    point, exponent, x, by_range = point_by_hand(at, warp)
-    y = slow_sum(surrogate.terms, point)
-    share = [
-        math.hypot(math.exp(e / 2), surrogate.mesh_error) for e in slow_sum(surrogate.error, point)
-    ]
-    log_limit, limit_error = slow_sum(surrogate.limit, [0.0, *point[1:4], *by_range])
-    safe = math.exp(log_limit - LIMIT_ERRORS * limit_error)
-    load = at["load"]
-    offset = abs(at["paper_mismatch"]) + 60 * math.hypot(at["gravity_along"], at["gravity_up"])
-    curvature = load * math.exp(exponent + y[0]) / (scale * surrogate.length) * 1e3
-    angle = math.degrees(load * math.exp(exponent + y[1]))
-    stretch = (load + offset) * math.exp(exponent + y[2])
     inside = all(g.low <= at[g.name] <= g.high for g in GROUPS) and (
         at["paper_slack"] <= TOGETHER or abs(at["paper_mismatch"]) <= TOGETHER
     )
-    largest = float(SPAN.largest_load(np.array(point[2])))
+    load = at["load"]
+    largest = float(SPAN.largest_load(np.array(point_by_hand(at, 0.0)[2])))
+    at_limit, limit = first_limit(surrogate, at) if inside else (math.inf, math.inf)
+    last = min(at_limit, LARGEST)
+    end = min(END * limit, largest, load_by_hand(surrogate, at, last))
+    if not (inside and 0 <= load <= end):
+        return {"allowed": False}
+    t = swelling_by_hand(surrogate, at, load, last)
+
+    def logarithms(ln_t):
+        point = point_by_hand(at, math.exp(ln_t))
+        return slow_sum(surrogate.terms, point)[0], slow_sum(surrogate.load, point)[0]
+
+    h, ln_t = 1e-4, math.log(t)
+    (bent, loaded), (less_bent, less) = logarithms(ln_t + h), logarithms(ln_t - h)
+    growth = (1 + (bent - less_bent) / (2 * h)) / (1 + (loaded - less) / (2 * h))
+    point = point_by_hand(at, t)
+    y = slow_sum(surrogate.terms, point)
+    of_load = math.exp(slow_sum(surrogate.load_error, point)[0])
+    mesh = surrogate.mesh_error * max(1.0, growth / GROWTH)
+    share = [
+        math.sqrt(math.exp(e) + growth**2 * of_load + mesh**2)
+        for e in slow_sum(surrogate.error, point)
+    ]
+    offset = abs(at["paper_mismatch"]) + 60 * math.hypot(at["gravity_along"], at["gravity_up"])
+    curvature = t * math.exp(y[0]) / (scale * surrogate.length) * 1e3
+    angle = math.degrees(t * math.exp(y[1]))
+    stretch = (t + offset) * math.exp(y[2])
     return {
-        "allowed": inside and 0 <= load <= largest and x <= min(safe, 1.5),
+        "allowed": True,
         "curvature": curvature,
         "bend_angle": angle,
         "peak_stretch": 1 + stretch,
+        "slope": curvature * growth,
         "sd": curvature * share[0],
         "bend_angle_sd": angle * share[1],
         "peak_stretch_sd": stretch * share[2],
-        "limit": math.exp(log_limit - exponent),
-        "limit_error": limit_error,
     }
 
 

@@ -1,4 +1,4 @@
-"""Which curves are solved: prefixes, ranges, causes, and the second stage."""
+"""Which curves are solved: prefixes, ranges, causes, and those typical of studies."""
 
 from collections import Counter
 from dataclasses import fields, replace
@@ -9,12 +9,15 @@ import pytest
 from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.surrogate.design import (
     ACTIVE,
+    FURTHER,
+    IN_TURN,
+    PRESSURES,
     Effects,
-    candidates,
     is_answered,
-    second_stage,
     space_filling,
     study_like,
+    training_curves,
+    typical,
 )
 from bayesdeg.surrogate.kept import Recipe
 from bayesdeg.surrogate.scaling import NOMINAL_THICKNESS, Place, TrainingRange
@@ -22,12 +25,8 @@ from bayesdeg.surrogate.scaling import NOMINAL_THICKNESS, Place, TrainingRange
 SPAN, RECIPE = TrainingRange(), Recipe()
 BASE = MaterialGroups(0.0, 0.01, 100.0, paper_thickness=NOMINAL_THICKNESS)
 CAUSES = [f.name for f in fields(Effects) if f.name != "gravity"] + ["gravity_along", "gravity_up"]
-FIRST = space_filling(SPAN, RECIPE.coarse_runs, seed=RECIPE.seed)
-
-
-@pytest.fixture(scope="module")
-def pool():
-    return candidates(SPAN)
+FIRST = space_filling(SPAN, 512, seed=RECIPE.seed)
+USUAL = typical(SPAN, 240, seed=RECIPE.seed)
 
 
 def acting(curve):
@@ -111,25 +110,59 @@ def test_nearly_all_of_the_design_is_answered_and_the_rest_are_slack_and_mismatc
         assert both or "second_invariant_ratio" in acting(curve)
 
 
-def test_candidates_are_answered_and_distinct_and_none_is_held_out_or_in_the_first_stage(pool):
-    materials = [curve.material for curve in pool]
+# ---- typical of studies
+
+
+def test_typical_curves_are_answered_and_distinct_and_none_is_held_out():
+    assert typical(SPAN, 24, seed=RECIPE.seed) == USUAL[:24]
+    materials = [curve.material for curve in USUAL]
     assert len(set(materials)) == len(materials)
     # the seed of benchmarks/emulator_held_out.py
     held_out = {curve.material for curve in study_like(512, seed=5)}
     assert not held_out & set(materials)
-    assert not {curve.material for curve in FIRST} & set(materials)
-    assert all(is_answered(curve, SPAN) for curve in pool[::5])
-    for curve in pool:
+    assert all(is_answered(curve, SPAN) for curve in USUAL)
+
+
+def test_typical_loads_go_beyond_those_of_studies_and_never_beyond_the_range():
+    ends = []
+    for curve in USUAL:
+        place = Place.of(curve.material)
+        c3 = 2.0 * (place.values[1] - SPAN.lower[1]) / (SPAN.upper[1] - SPAN.lower[1]) - 1.0
+        largest = float(SPAN.largest_load(np.array(c3))) * place.modulus
         assert np.all(np.diff(curve.loads) > 0.0)
-        assert 0.0 < curve.loads[0] < curve.loads[-1] <= SPAN.load
+        assert 0.0 < curve.loads[0] < curve.loads[-1] <= largest * (1.0 + 1e-12)
+        ends.append(curve.loads[-1] / largest)
+    assert 0.0 < np.mean(np.array(ends) > 1.0 - 1e-9) < 0.9
+    # moduli of degraded films, whose loads are small, are those of studies
+    c1 = FURTHER * PRESSURES[-1] * 1e-3 / np.array([curve.loads[-1] for curve in USUAL])
+    assert c1.max() < 1.588 * np.exp(0.35)
 
 
-def test_picks_of_the_second_stage_are_new_and_distinct_and_fine_ones_are_among_the_coarse(pool):
-    coarse, fine = second_stage(SPAN, FIRST, RECIPE.fine_runs)
-    assert (len(coarse), len(fine)) == (64, 24)
-    assert len(set(coarse)) == len(coarse)
-    assert len(set(fine)) == len(fine)
-    assert set(coarse) <= set(pool)
-    assert set(fine) <= {*FIRST, *coarse}
-    assert not set(fine) & set(FIRST[: RECIPE.fine_runs])
-    assert set(fine) & set(coarse)
+def test_every_other_typical_curve_has_one_cause_and_all_occur_in_turn():
+    """Thickness of paper, which shrinks with the body, differs in all of them."""
+    causes = [name for name in CAUSES if name != "paper_thickness"]
+    found = [[name for name in acting(curve) if name in causes] for curve in USUAL]
+    single = found[1::2]
+    assert all(len(names) <= 1 for names in single)
+    count = Counter(name for names in single for name in names)
+    with_weight = count["gravity_along"] + count["gravity_up"]
+    assert set(count) == set(causes)
+    turns = len(single) / len(IN_TURN)
+    assert with_weight == pytest.approx(turns * IN_TURN.count(5), abs=3)
+    assert count["skin"] == pytest.approx(turns * IN_TURN.count(1), abs=3)
+    assert count["paper_mismatch"] == pytest.approx(turns * IN_TURN.count(4), abs=3)
+    assert {len(names) for names in found[::2]} == {0, 1, 2}
+
+
+# ---- both together
+
+
+def test_of_the_whole_design_a_third_is_typical_and_fine_curves_are_among_the_coarse():
+    coarse, fine = training_curves(SPAN, RECIPE.coarse_runs, RECIPE.fine_runs, seed=RECIPE.seed)
+    third = RECIPE.coarse_runs // 3
+    assert len(coarse) == len(set(coarse)) == RECIPE.coarse_runs
+    assert len(fine) == len(set(fine)) == RECIPE.fine_runs
+    assert coarse[-third:] == USUAL[:third]
+    assert coarse[:-third] == FIRST[: RECIPE.coarse_runs - third]
+    assert set(fine) <= set(coarse)
+    assert len(set(fine) & set(USUAL)) == 3 * RECIPE.fine_runs // 4

@@ -98,7 +98,7 @@ def test_the_search_of_a_mode_finds_its_way_back_inside():
     start = least_squares(model)
     inside, _ = find_mode(model, start)
     soft = start.copy()
-    soft[model.table.names.index("c1_at_0")] -= 0.4
+    soft[model.table.names.index("c1_at_0")] -= 0.45
     at = model.table.named(soft[None])
     assert np.isnan(
         model.data_of(Curvature)

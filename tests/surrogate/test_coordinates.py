@@ -5,15 +5,16 @@ import pytest
 
 from bayesdeg.surrogate.coordinates import (
     LARGEST_SLACK_AND_MISMATCH,
-    LARGEST_WARPED,
+    LARGEST_SWELLING,
     MISMATCH,
     PAPER,
     SLACK,
-    WARP,
     coordinates,
     inside,
     paper_give,
     scaled_cause,
+    unit_rate,
+    unit_swelling,
 )
 from bayesdeg.surrogate.scaling import CAUSES, GROUPS, NAMES, TrainingRange
 
@@ -25,16 +26,15 @@ NEUTRAL = np.array([0.3, *0.5 * (SPAN.lower + SPAN.upper)[:3], *(c.neutral for c
 def random_groups(count, *, seed=0):
     generator = np.random.default_rng(seed)
     groups = generator.uniform(SPAN.lower, SPAN.upper, (count, len(GROUPS)))
-    return np.column_stack([generator.uniform(0.05, 0.9, count), groups])
+    return np.column_stack([generator.uniform(0.05, 0.9 * LARGEST_SWELLING, count), groups])
 
 
 def differences(groups, axis):
-    """Central differences of points and warp by the load or a group."""
+    """Central differences of points by the swelling or a group."""
     step = np.zeros(len(NAMES))
     step[axis] = 1e-6 * (1.0 if axis == 0 else GROUPS[axis - 1].high - GROUPS[axis - 1].low)
     more, less = (coordinates(groups + sign * step) for sign in (1.0, -1.0))
-    width = 2.0 * step[axis]
-    return (more.points - less.points) / width, (more.warp - less.warp) / width
+    return (more.points - less.points) / (2.0 * step[axis])
 
 
 @pytest.mark.parametrize("axis", range(len(NAMES)), ids=NAMES)
@@ -42,10 +42,9 @@ def test_derivatives_are_those_of_central_differences(axis):
     groups = random_groups(50)
     groups[:, SLACK] = np.maximum(groups[:, SLACK], 1e-4)
     found = coordinates(groups)
-    points, warp = differences(groups, axis)
+    points = differences(groups, axis)
     scale = np.max(np.abs(points))
     np.testing.assert_allclose(found.jacobian[:, :, axis], points, rtol=1e-6, atol=1e-7 * scale)
-    np.testing.assert_allclose(found.warp_gradient[:, axis], warp, rtol=1e-6, atol=1e-6)
 
 
 def test_derivatives_of_tight_paper_are_one_sided():
@@ -60,11 +59,22 @@ def test_derivatives_of_tight_paper_are_one_sided():
     np.testing.assert_array_equal(found.jacobian[:, SLACK, others], 0.0)
 
 
-def test_the_base_model_has_neither_causes_nor_warp():
+def test_the_base_model_has_no_causes():
     found = coordinates(NEUTRAL[None])
     np.testing.assert_allclose(found.points[0, 1:], 0.0, atol=1e-12)
-    assert found.warp[0] == 0.0
-    assert found.points[0, 0] == pytest.approx(2.0 * 0.3 / LARGEST_WARPED - 1.0)
+
+
+def test_swelling_enters_by_its_logarithm_from_rest_to_the_largest():
+    swelling = np.array([0.0, 0.3, 2.0, LARGEST_SWELLING])
+    groups = np.tile(NEUTRAL, (4, 1))
+    groups[:, 0] = swelling
+    wanted = 2.0 * np.log(1.0 + swelling) / np.log(15.0) - 1.0
+    np.testing.assert_allclose(coordinates(groups).points[:, 0], wanted, atol=1e-15)
+    np.testing.assert_allclose(unit_swelling(swelling), wanted, atol=1e-15)
+    assert wanted[[0, -1]].tolist() == [-1.0, 1.0]
+    inner, h = swelling[1:3], 1e-6
+    more, less = (unit_swelling(inner * np.exp(sign * h)) for sign in (1.0, -1.0))
+    np.testing.assert_allclose(unit_rate(inner), (more - less) / (2.0 * h), rtol=1e-8)
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.name)
@@ -74,20 +84,9 @@ def test_causes_are_at_most_one_in_size_and_reach_it(cause):
     assert np.all(np.diff(values) > 0.0)
 
 
-def test_softer_walls_act_like_more_load():
-    groups = np.tile(NEUTRAL, (3, 1))
-    groups[1, NAMES.index("wall_factor")] = 0.8
-    groups[2, NAMES.index("erosion")] = 0.4
-    found = coordinates(groups)
-    assert found.warp[1] == pytest.approx(-WARP["wall_factor"][0])
-    assert found.warp[2] == pytest.approx(sum(WARP["erosion"]))
-    x = 0.5 * LARGEST_WARPED * (found.points[:, 0] + 1.0)
-    np.testing.assert_allclose(x, 0.3 * np.exp(found.warp))
-
-
-def felt(load, slack, log_paper=MIDDLE_PAPER):
-    groups = np.tile(NEUTRAL, (np.size(load), 1))
-    groups[:, 0], groups[:, SLACK], groups[:, PAPER] = load, slack, log_paper
+def felt(swelling, slack, log_paper=MIDDLE_PAPER):
+    groups = np.tile(NEUTRAL, (np.size(swelling), 1))
+    groups[:, 0], groups[:, SLACK], groups[:, PAPER] = swelling, slack, log_paper
     return coordinates(groups).points[:, SLACK]
 
 
@@ -96,7 +95,7 @@ def test_slack_paper_is_not_felt_at_rest_and_tight_paper_always():
     np.testing.assert_array_equal(felt(np.array([0.0, 0.1, 0.9]), 0.0), 0.0)
 
 
-def test_slack_is_taken_up_by_load():
+def test_slack_is_taken_up_by_swelling():
     phi = felt(np.linspace(0.0, 0.9, 50), 0.02)
     assert np.all(np.diff(phi) < 0.0)
     assert phi[-1] < 0.5

@@ -11,6 +11,7 @@ from bayesdeg.actuator.material import MaterialGroups, is_elliptic
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.surrogate.campaign import runs
 from bayesdeg.surrogate.design import Effects, is_answered, study_like
+from bayesdeg.surrogate.kept import Recipe
 from bayesdeg.surrogate.scaling import TrainingRange
 
 COUNT, SEED = 40, 5
@@ -69,5 +70,5 @@ def test_nearly_all_are_answered_by_the_emulator():
 def test_none_is_in_the_design_that_the_emulator_is_trained_on():
     assert f"CURVES, SEED = {COUNT}, {SEED}\n" in BENCHMARK.read_text(encoding="utf-8")
     trained = {run.curve.material for run in runs(Geometry(Dimensions()))}
-    assert len(trained) == 636
+    assert len(trained) == Recipe().coarse_runs
     assert not trained & {curve.material for curve in CURVES}

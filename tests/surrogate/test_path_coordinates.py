@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from path_coordinates import CHOSEN, WAYS, equations, read, seen, write
+from path_coordinates import CHOSEN, WAYS, equations, read, seen, shipped, write
 from scipy.interpolate import BPoly
 
 from bayesdeg.surrogate.terms import Family
@@ -49,6 +49,13 @@ def test_only_ways_by_volume_or_angle_go_through_the_limit_point():
         assert np.all(np.diff(by_volume.z) > 0.0)
         assert np.any(np.diff(by_volume.load) < 0.0)
         assert by_load is None or np.all(np.diff(by_load.load) > 0.0)
+
+
+def test_the_shipped_emulator_predicts_fine_curves_up_to_the_limit():
+    found = shipped(PATHS)["study"]["curvature_pct"]
+    assert found["paths"] == 12
+    assert found["median_pct"] < 0.3
+    assert found["max_pct"] < 1.0
 
 
 def test_equations_hold_for_the_terms_that_they_came_from():

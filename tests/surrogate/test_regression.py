@@ -10,7 +10,7 @@ from bayesdeg.surrogate.design import space_filling
 from bayesdeg.surrogate.regression import Observed, Prior, fit, half_ranges, observe, rows_of
 from bayesdeg.surrogate.scaling import GROUPS, NAMES, Place
 from bayesdeg.surrogate.terms import Family, Terms, features
-from tests.surrogate.closed_form import LENGTH, SPAN, sample
+from tests.surrogate.closed_form import FILLED, LENGTH, SPAN, sample
 
 FAMILY = Family((3, 2, 2, 1), (1, 1, 0, 0), (1, 1, 0, 1, 1, 0, 1, 2, 1), (0, 0, 0, 0))
 ORDERS = FAMILY.orders
@@ -20,10 +20,10 @@ SHARP = Prior(noise=1e-8)
 
 
 def polynomial_run(curve):
-    """A run whose logarithms are the warp and polynomials of the family."""
+    """A run whose logarithms are polynomials of the family, those of its load among them."""
     values = Place.of(curve.material).values
-    loads = np.array(curve.loads[::2])
-    place = coordinates(np.column_stack([loads, np.tile(values, (len(loads), 1))]))
+    swelling = 8.0 * (np.arange(1, 8) / 7.0) ** 1.5
+    place = coordinates(np.column_stack([swelling, np.tile(values, (7, 1))]))
     terms = Terms(ORDERS, TRUTH)
     by_points = np.stack(
         [
@@ -33,13 +33,15 @@ def polynomial_run(curve):
         axis=-1,
     )
     at_rest = coordinates(np.array([[1e-13, *values]]))
+    found = features(ORDERS, place.points) @ TRUTH.T
     return Observed(
         coordinates=place,
-        load=loads,
-        values=place.warp[:, None] + features(ORDERS, place.points) @ TRUTH.T,
-        gradients=by_points @ place.jacobian + place.warp_gradient[:, None],
-        weights=np.linspace(0.2, 1.0, len(loads)),
-        first=(at_rest.warp[:, None] + features(ORDERS, at_rest.points) @ TRUTH.T)[0],
+        along=swelling,
+        load=swelling * np.exp(found[:, -1]),
+        values=found,
+        gradients=by_points @ place.jacobian,
+        weights=np.linspace(0.2, 1.0, len(swelling)),
+        first=(features(ORDERS, at_rest.points) @ TRUTH.T)[0],
         tight=curve.material.paper_slack == 0.0,
     )
 
@@ -48,10 +50,7 @@ RUNS = [polynomial_run(curve) for curve in CURVES]
 
 
 def equations(runs, outputs=(0, 1, 2), *, derivatives=True):
-    return [
-        rows_of(run, ORDERS, outputs=list(outputs), span=SPAN, derivatives=derivatives)
-        for run in runs
-    ]
+    return [rows_of(run, ORDERS, outputs=list(outputs), derivatives=derivatives) for run in runs]
 
 
 @pytest.mark.parametrize("derivatives", [False, True])
@@ -81,12 +80,20 @@ def test_an_unknown_derivative_or_first_slope_is_left_out():
 
 
 def test_derivatives_count_over_half_of_each_range():
-    sizes = half_ranges(SPAN)
-    for k, group in enumerate(GROUPS, start=1):
+    sizes = half_ranges()
+    for k, group in enumerate(GROUPS):
         far = max(group.high - group.neutral, group.neutral - group.low)
         expected = far if group.is_cause else 0.5 * (group.high - group.low)
         assert sizes[k] == pytest.approx(expected)
-    assert sizes[0] == pytest.approx(0.5 * SPAN.load)
+
+
+def test_a_derivative_by_swelling_counts_by_its_logarithm():
+    run = RUNS[0]
+    rows = rows_of(run, ORDERS, outputs=[0], weight=0.5)
+    count = len(run.load)
+    np.testing.assert_allclose(
+        rows.targets[count : 2 * count, 0], 0.5 * run.weights * run.along * run.gradients[:, 0, 0]
+    )
 
 
 def noisy(rows):
@@ -125,7 +132,7 @@ def test_leaving_a_run_out_is_a_refit_without_it(count, derivatives):
 
 def closed_form_runs(count, seed):
     curves = space_filling(SPAN, count, seed=seed)
-    found = (observe(curve, sample(curve), span=SPAN, length=LENGTH) for curve in curves)
+    found = (observe(curve, sample(curve), length=LENGTH, compliance=FILLED) for curve in curves)
     return [run for run in found if run is not None]
 
 

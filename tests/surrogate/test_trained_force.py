@@ -16,7 +16,7 @@ from bayesdeg.surrogate.campaign import build, runs
 from bayesdeg.surrogate.kept import Recipe
 from bayesdeg.surrogate.local import InputDraws, local_design
 from bayesdeg.surrogate.regression import observe_force
-from bayesdeg.surrogate.scaling import GROUPS, LOAD, TrainingRange, groups_of
+from bayesdeg.surrogate.scaling import GROUPS, LOAD, groups_of
 from bayesdeg.surrogate.solutions import SolutionStore
 from bayesdeg.surrogate.trained import from_bytes, lacking, to_bytes
 
@@ -53,7 +53,7 @@ def asked(count=60, seed=1):
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    recipe = Recipe(COARSE, FINE, 20, 4, further=False)
+    recipe = Recipe(COARSE, FINE, 20, 4)
     design = replace(local_design(asked(), recipe), with_forces=True)
     store = SolutionStore(tmp_path_factory.mktemp("store"))
     assert len(runs(GEOMETRY, recipe, design)) == 2 * (20 + 4)
@@ -74,9 +74,9 @@ def test_what_is_asked_beside_the_shape_is_that_of_new_solutions(trained, output
 @pytest.mark.fem
 def test_the_file_holds_forces_and_runs_have_names_of_their_own(trained):
     again = from_bytes(to_bytes(trained))
-    assert set(again.further) == {"cavity_volume", "tip_force"}
+    assert set(again.answers) == {"cavity_volume", "tip_force"}
     assert lacking(again, ["tip_force"]) == ""
-    recipe = Recipe(COARSE, FINE, 2, 1, further=False)
+    recipe = Recipe(COARSE, FINE, 2, 1)
     design = local_design(asked(), recipe)
     plain, forced = (
         runs(GEOMETRY, recipe, design),
@@ -94,9 +94,9 @@ def test_a_curve_of_one_step_says_what_it_has():
     found = PathSamples(
         np.array([0.0, 0.3]), np.array([[0.0], [0.6]]), gradients, Status.CONVERGED, np.inf, 4, "x"
     )
-    learnt = observe_force(curve, found, span=TrainingRange(), length=20.0)
+    learnt = observe_force(curve, found, length=20.0)
     assert learnt is not None
     np.testing.assert_allclose(learnt.values, np.log(0.6 / 0.3 / 20.0**2))
     np.testing.assert_allclose(learnt.first, np.log(1.8 / 20.0**2))
     nothing = replace(found, loads=found.loads[:1], readings=found.readings[:1])
-    assert observe_force(curve, nothing, span=TrainingRange(), length=20.0) is None
+    assert observe_force(curve, nothing, length=20.0) is None

@@ -18,13 +18,12 @@ It only measures the misfit and never enters the physics. The statistic is the l
 over kernels K and amplitudes a, z the whitened readings.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf
-from scipy.special import ndtr, ndtri
 
 from bayesdeg.criticism.chance import chance_of, is_clear
 from bayesdeg.criticism.fit.linear import Linear
@@ -124,8 +123,6 @@ AMPLITUDES = np.geomspace(0.005, 1.0, 25)
 REPLICATES = 200  # noise-only data sets, for the distribution by chance
 FEWEST = round(1.0 / MISFIT_LEVEL) - 1
 """Fewest simulated data sets with which a p-value can reach that level."""
-LARGE = 0.5
-"""Relative size of a discrepancy that a test of a model must be able to detect."""
 
 
 @dataclass(frozen=True)
@@ -232,25 +229,6 @@ def resolved(
     return replace(misfit, null=null, p_value=_p_value(misfit.statistic, null), drawn=drawn)
 
 
-def power(linear: Linear) -> float:
-    r"""Return the power of the test for a misfit of half the readings' size.
-
-    With z ~ N(0, 1 + a² v) along the direction in which a smooth discrepancy of relative size a is
-    most visible, v its variance there on the whitened scale,
-
-    .. math:: 2 \Phi\left(\frac{\Phi^{-1}(p/2)}{\sqrt{1 + a^2 v}}\right), \qquad a = 0.5,
-
-    at the level p = `MISFIT_LEVEL`. For a single reading, which the parameters can always match, it
-    is little more than p, its least value; for a curve it is nearly 1.
-    """
-    largest = 0.0
-    for _, _, root in discrepancy_roots(linear.subject.places, linear.subject.observed):
-        whitened = linear.whiten_columns(root)
-        largest = max(largest, float(np.linalg.eigvalsh(whitened.T @ whitened)[-1]))
-    bound = ndtri(0.5 * MISFIT_LEVEL) / np.sqrt(1.0 + LARGE**2 * largest)
-    return 2.0 * float(ndtr(bound))
-
-
 def explained(before: Misfit, after: Misfit) -> float:
     """Return the share of the misfit statistic beyond chance that a cause removes.
 
@@ -297,10 +275,17 @@ def largest_ratio(
     Of data sets (k, n_readings); the index of the best is kernel × number of amplitudes +
     amplitude.
     """
+    return largest_of([whitened @ kernel.vectors for kernel in kernels], kernels)
+
+
+def largest_of(
+    projected: Sequence[Floats], kernels: Sequence[Discrepancy]
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the same of data projected on the eigenvectors of each kernel, (k, r) each."""
     ratios = []
-    for kernel in kernels:
+    for kernel, part in zip(kernels, projected, strict=True):
         signal = AMPLITUDES[:, None] ** 2 * kernel.values
-        ratios.append(log_ratios(signal, whitened @ kernel.vectors))
+        ratios.append(log_ratios(signal, part))
     table = np.concatenate(ratios)
     return np.maximum(table.max(axis=0), 0.0), table.argmax(axis=0)
 

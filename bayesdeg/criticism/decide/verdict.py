@@ -25,24 +25,29 @@ from numpy.typing import NDArray
 
 from bayesdeg.criticism.checks.count_misfit import CountMisfit
 from bayesdeg.criticism.checks.discrepancy import (
-    LARGE,
     Misfit,
     explained,
     explained_on_one_scale,
-    power,
 )
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.support import Support
-from bayesdeg.criticism.findings import Conflict, Questioned, RuptureMisfit
+from bayesdeg.criticism.findings import (
+    Conflict,
+    Detectable,
+    ImplausibleErrors,
+    Questioned,
+    RuptureMisfit,
+)
 from bayesdeg.criticism.fit.search import Step
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
 
 Floats = NDArray[np.float64]
 
 LEAST_EXPLAINED, LEAST_ON_ONE_SCALE = 0.5, 0.8
-LEAST_POWER = 0.5  # least power of the misfit test
+MOST_HIDDEN = 10.0
+"""Largest smooth misfit, in % of the largest reading, that may hide in an adequate model."""
 NEARLY_ALL = 0.9  # share of the misfit: the remainder may be small and yet significant
 LEAST_CHANGE = 0.01
 """Largest change by a remaining term, over the largest reading, that does not count against causes:
@@ -61,10 +66,27 @@ class Uncalibrated:
 
 @dataclass(frozen=True)
 class LittlePower:
-    """Even a relative discrepancy of this size is significant in only this share of studies."""
+    """A smooth misfit up to this size [% of the largest reading] would have stayed hidden."""
 
-    discrepancy: float
-    power: float
+    kind: str
+    misfit_pct: float
+    specimens: int
+
+
+@dataclass(frozen=True)
+class CoarseMap:
+    """The forward map errs by more than the readings, relative to their errors."""
+
+    ratio: float
+
+
+@dataclass(frozen=True)
+class TakenForErrors:
+    """The model needs errors that the readings do not have."""
+
+    kind: str
+    noise_ratio: float
+    r_squared: float
 
 
 @dataclass(frozen=True)
@@ -192,6 +214,8 @@ class StructureLeft:
 type Reason = (
     Uncalibrated
     | LittlePower
+    | CoarseMap
+    | TakenForErrors
     | NotTested
     | NotComputed
     | NotConverged
@@ -253,6 +277,9 @@ def decide(
     structure: MissingTerms | None = None,
     stated: StatedSets | None = None,
     held_out: bool = True,
+    detectable: Detectable | None = None,
+    errors: ImplausibleErrors | None = None,
+    coarse: CoarseMap | None = None,
 ) -> Decision:
     """Return the outcome.
 
@@ -296,6 +323,12 @@ def decide(
         own rivals alone.
     held_out : bool
         Whether specimens were to be held out; if not, causes need no confirmation by them.
+    detectable : Detectable, optional
+        The smallest misfit that the base model would have shown.
+    errors : ImplausibleErrors, optional
+        What is implausible of the errors with all that the evidence favours.
+    coarse : CoarseMap, optional
+        That the forward map errs by more than the readings.
     """
     unknown_scatter = (NotTested(one.cause) for one in shared if not one.is_tested)
     missed: list[Reason] = [*untested, *unknown_scatter]
@@ -304,7 +337,7 @@ def decide(
     misread = base.misfit.p_value <= MISFIT_LEVEL
     off = misread or bool(questioned) or (counts is not None and counts.contradicts)
     others = (found.p_value for found in (rupture, contradicted) if found is not None)
-    off = off or any(p_value <= MISFIT_LEVEL for p_value in others)
+    off = off or any(p_value <= MISFIT_LEVEL for p_value in others) or errors is not None
     of_readings = any(one.cause not in on_rupture for one in supported)
     # a model with overestimated errors shows no misfit
     off = off or (of_readings and final.misfit.p_value <= MISFIT_LEVEL)
@@ -313,17 +346,21 @@ def decide(
     against = [*against_misfit(base, final), *structured] if of_readings else []
     off = off or bool(by_level) or (of_readings and bool(structured))
     reasons = [*against_held_out(confirming), *against_sizes(supported), *by_level, *against]
+    if errors is not None:
+        reasons.append(TakenForErrors(errors.kind, errors.noise_ratio, errors.r_squared))
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
-        unknown = [] if off else _unknown(base, confirming)
+        unknown = [] if off else _unknown(base, confirming, detectable, coarse)
         if unknown:
             both = dict.fromkeys([*reasons, *unknown])
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
     if of_readings and base.misfit.lost > ON_EDGE and not base.misfit.is_calibrated:
-        return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(_unknown(base, confirming)))
+        return Decision(
+            Outcome.NOT_JUDGED, (), reasons=tuple(_unknown(base, confirming, detectable, coarse))
+        )
     # the named causes, which are in every possible set, and lists of which one acts
     apart = [one for one in supported if stated is None or one.cause not in stated.favoured]
     lists = [(one.cause, *one.inseparable) for one in apart]
@@ -373,13 +410,19 @@ def uncalibrated(misfit: Misfit, *, remaining: bool = False) -> Uncalibrated:
     return Uncalibrated(len(misfit.null), misfit.drawn, remaining)
 
 
-def _unknown(base: Step, supported: list[Support]) -> list[Reason]:
+def _unknown(
+    base: Step,
+    supported: list[Support],
+    detectable: Detectable | None,
+    coarse: CoarseMap | None,
+) -> list[Reason]:
     """Return why a model without a detected misfit may still not count as adequate."""
     if not base.misfit.is_calibrated:
         return [uncalibrated(base.misfit)]
-    seen = power(base.trial.linear)
-    if seen < LEAST_POWER:
-        return [LittlePower(LARGE, seen)]
+    if detectable is not None and not detectable.misfit_pct <= MOST_HIDDEN:
+        return [LittlePower(detectable.kind, detectable.misfit_pct, detectable.specimens)]
+    if coarse is not None:
+        return [coarse]
     return [_against(one) for one in supported if one.elpd_diff is None]
 
 
