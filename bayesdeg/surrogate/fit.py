@@ -119,7 +119,9 @@ _LOADS = FitPlan(
     SHIFTED,
 )
 _ANGLES = replace(
-    _LOADS, outputs=ANGLES, family=Family((8, 4, 4, 4), (5, 3, 3, 3), POWERS, (3, 1, 1, 1))
+    _LOADS,
+    outputs=ANGLES,
+    family=Family((10, 6, 6, 4), (6, 4, 4, 3), POWERS, (4, 2, 2, 2), (1, 1, 1, 1)),
 )
 _STRETCH = FitPlan(
     STRETCH,
@@ -355,8 +357,10 @@ def train(
     coarse, fine = (counted(*runs, units) for runs in (coarse, fine))
     compliance = compliance_of(zip(*coarse, strict=True), length)
     many, few = (learned(runs, span, length, compliance) for runs in (coarse, fine))
-    parts = [_train(many, few, plan, terms_below(ground, plan)) for plan in terms.plans]
     met = _material_points([counted_in(c, units) for c in usual] or typical(span, USUAL, seed=0))
+    if not usual:
+        many, few = ({c: _weighed(run, met) for c, run in runs.items()} for runs in (many, few))
+    parts = [_train(many, few, plan, terms_below(ground, plan)) for plan in terms.plans]
     errors = [_error_of(part, met, terms) for part in parts]
     covered = [
         share
@@ -393,6 +397,12 @@ def train(
         record=json.dumps(record | facts, indent=1),
         units=units,
     )
+
+
+def _weighed(run: Observed, usual: Floats) -> Observed:
+    """Return a run that counts the less, the farther it is from usual materials."""
+    near = float(nearness(run.coordinates.points[:1], usual)[0])
+    return replace(run, importance=np.sqrt(near))
 
 
 USUAL = 128  # curves typical of studies, at whose materials errors are most accurate

@@ -34,7 +34,7 @@ Flags = NDArray[np.bool_]
 
 LIMIT_MARGIN = 0.97  # share of a limit load up to which a held tip is emulated
 TO = 0.99  # share of the limit pressure up to which errors at a given load are measured
-FLOOR = 0.15  # smallest weight of a reading, relative to the curve's largest
+FLOOR = 0.5  # smallest weight of a reading, relative to the curve's largest
 COUNTED = [0, 1, -1]  # quantities relative to rest: curvature, bend angle, volume
 QUANTILES = [2, -3, -2]  # at rest all stretches are equal, so their initial growth is unknown
 STRAINED = slice(2, -1)  # those strained at rest too, where mismatch or weight act
@@ -73,6 +73,8 @@ class Observed:
         Values at rest, from first slopes; nan if unknown, as for quantiles.
     tight : bool
         Whether the paper is without slack: derivatives by slack are then not used.
+    importance : float
+        Factor of all weights of the run.
     """
 
     coordinates: Coordinates
@@ -83,6 +85,7 @@ class Observed:
     weights: Floats
     first: Floats
     tight: bool
+    importance: float = 1.0
 
     @property
     def known(self) -> Flags:
@@ -93,7 +96,8 @@ class Observed:
 
     def weights_of(self, outputs: Sequence[int]) -> Floats:
         """Return weights of readings of some outputs, (n,): loads count alike."""
-        return np.ones_like(self.weights) if tuple(outputs) == LOADS else self.weights
+        alike = tuple(outputs) == LOADS
+        return self.importance * (np.ones_like(self.weights) if alike else self.weights)
 
     @property
     def growth(self) -> Floats:
@@ -338,8 +342,9 @@ def rows_of(
             start[0, 0] = -1.0
             # at rest slack paper has no effect
             start[0, N_CHEBYSHEV + [c.name for c in CAUSES].index("paper_slack")] = not run.tight
-            matrix.append(FLOOR * features(orders, start))
-            targets.append(FLOOR * run.first[None, outputs])
+            size = FLOOR * run.importance
+            matrix.append(size * features(orders, start))
+            targets.append(size * run.first[None, outputs])
     return Equations(np.vstack(matrix), np.vstack(targets), len(values))
 
 

@@ -206,9 +206,12 @@ def test_volumes_of_other_tests_that_are_left_out_are_said(model):
     assert cost
 
 
-def test_an_emulator_without_volumes_is_refused_in_one_line(folder):
-    with pytest.raises(BayesdegError, match="cavity volume"):
-        assemble(read_study(folder))
+def test_the_shipped_emulator_predicts_volumes(folder):
+    model = assemble(read_study(folder)).model
+    values = near_medians(model, 1, reading_correlation=0.3)
+    assert np.all(
+        np.isfinite(kinds(model)[0].log_likelihood(model.state(model.table.named(values))))
+    )
 
 
 def test_a_map_without_volumes_says_so(folder):

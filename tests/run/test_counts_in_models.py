@@ -69,7 +69,7 @@ def test_where_actuators_balloon_before_the_counted_pressure_the_density_leads_b
     """The sensor reads far too little: fresh actuators are beyond what the emulator answers."""
     density = with_causes(experiment, "pressure_offset", "flaw_embrittlement")
     values = {p.name: np.array(p.law.quantile(np.array([0.5]))) for p in density.table.parameters}
-    steps = np.array([-20.0, -60.0, -70.0, -80.0])
+    steps = np.array([-20.0, -180.0, -200.0, -220.0])
     far = {name: np.repeat(v, len(steps)) for name, v in values.items()}
     far |= {"pressure_offset.offset": steps}
     state = density.state(far)

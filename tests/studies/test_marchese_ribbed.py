@@ -3,16 +3,18 @@
 Data: Marchese, Katzschmann and Rus (2015), doi:10.1089/soro.2014.0022.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from bayesdeg.actuator.families import geometry_of_study
-from bayesdeg.actuator.inputs import Inputs
+from bayesdeg.actuator.curve import SAMPLING, Curve, sample_task
+from bayesdeg.actuator.families import geometry_of_study, with_dimensions
+from bayesdeg.actuator.material import MaterialGroups
 from bayesdeg.data.study import read_study
-from bayesdeg.surrogate.trained import read_trained, surrogate_for
+from bayesdeg.surrogate.kept import local_recipe
 
 FOLDER = Path(__file__).resolve().parents[2] / "studies/marchese_ribbed"
 
@@ -22,18 +24,10 @@ def study():
     return read_study(FOLDER)
 
 
-def test_length_and_cover_are_priors_that_the_emulator_covers(study, emulator):
+def test_length_and_cover_are_priors(study):
     length, cover = study.settings.uncertain
     assert length.low < 37.8 < 43.0 < length.high
     assert cover.high < 6.15  # above, slits 3.1 mm deep would cut the film in the middle
-    for one in (length, cover):
-        assert emulator.departure.covers(one.name, one.low, one.high)
-
-
-@pytest.fixture(scope="module")
-def emulator(study):
-    """The one that is stored beside the study; refused if it were of another segment."""
-    return surrogate_for(geometry_of_study(study.settings), read_trained(FOLDER / "emulator.npz"))
 
 
 def test_readings_that_are_judged_are_the_first_of_all():
@@ -45,12 +39,17 @@ def test_readings_that_are_judged_are_the_first_of_all():
     assert len(every) == 15
 
 
-def test_the_model_ends_between_the_judged_readings_and_the_last_one(emulator):
-    one = np.ones((1, 1))
-    sizes = {"length": 43.0 * one, "cover": 5.65 * one}
-    asked = Inputs(
-        14.35 * one, 8.6e-3 * one, 8e-5 * one, 9e-6 * one, one, 6e3 * one, dimensions=sizes
-    )
-    limit = emulator.limit_pressure(asked).pressure.item()
-    assert 14.35 < limit < 32.45
-    assert emulator(asked).curvature.item() == pytest.approx(2.46, rel=0.3)
+@pytest.mark.fem
+@pytest.mark.slow
+def test_the_model_balloons_between_the_judged_readings_and_the_last_one(study):
+    shape = with_dimensions(geometry_of_study(study.settings), {"length": 43.0, "cover": 5.65})
+    c1, pressures = 8.6e-3, np.array([5.0, 14.35, 32.45])
+    material = MaterialGroups(c2_ratio=8e-5 / c1, c3_ratio=9e-6 / c1, paper_group=6.0 / c1)
+    curve = Curve(tuple(1e-3 * pressures / c1), material)
+    mesh = local_recipe(study.settings.dimensions).coarse_mesh
+    path = sample_task((shape, mesh, curve), effort=replace(SAMPLING, total=400))
+    pressure = 1e3 * c1 * path.loads
+    assert 14.35 < pressure.max() < 32.45
+    assert np.argmax(pressure) < len(pressure) - 1
+    kappa = 1e3 * path.readings[:, 0] / path.readings[:, 1]
+    assert np.interp(14.35, pressure, kappa - kappa[0]) == pytest.approx(2.64, rel=0.05)
