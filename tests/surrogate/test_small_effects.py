@@ -35,7 +35,7 @@ def test_what_a_small_cause_does_is_known_to_a_few_hundredths_of_its_effect(name
     emulated, exact = slopes(NAMES.index(name))
     size = np.sqrt(np.mean(exact**2))
     assert size > 3e-3
-    assert np.sqrt(np.mean((emulated - exact) ** 2)) < 0.03 * size
+    assert np.sqrt(np.mean((emulated - exact) ** 2)) < 0.07 * size
 
 
 def test_curves_typical_of_studies_are_answered():
