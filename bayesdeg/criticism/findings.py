@@ -79,9 +79,8 @@ class DetectableCause(Record):
 
     cause: Text = entry("name of the cause", "")
     parameter: Text = entry("its parameter", "")
-    size: Number = entry(
-        "size at which it would have been named in nine of ten such studies, in `unit`; null where "
-        "no size that its prior allows would have been"
+    size: Real = entry(
+        "size at which it would have been named in nine of ten such studies, in `unit`", NAN
     )
     unit: Text = entry("unit of the size", "")
 
@@ -96,7 +95,9 @@ class Detectable(Record):
         NAN,
     )
     specimens: int = Field(default=0, description="specimens with such readings")
-    causes: tuple[DetectableCause, ...] = entry("sizes of the nearest causes", ())
+    causes: tuple[DetectableCause, ...] = entry(
+        "sizes of the nearest causes that any plausible size would have shown", ()
+    )
 
 
 class ImplausibleErrors(Record):

@@ -600,7 +600,6 @@ def _shown(judgement: Judgement) -> list[str]:
     return [
         f"{one.cause.replace('_', ' ')} of {abs(one.size):.2g} {one.unit}".rstrip(" –")
         for one in found
-        if one.size is not None
     ]
 
 

@@ -88,7 +88,7 @@ def unit_swelling(swelling: Floats) -> Floats:
 
     Examples
     --------
-    >>> unit_swelling(np.array([0.0, LARGEST_SWELLING])).tolist()
+    >>> unit_swelling(np.array([0.0, LARGEST_SWELLING])).round(12).tolist()
     [-1.0, 1.0]
     """
     unit: Floats = 2.0 / WHOLE * np.log1p(swelling) - 1.0

