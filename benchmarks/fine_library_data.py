@@ -133,8 +133,10 @@ def by_load(run: Observed, place: Place) -> Observed:
     by, share = by - by[..., :1] / by[:, -1:, :1] * by[:, -1:], by[..., 0] / by[:, -1:, 0]
     by[..., 0] = share / load[:, None] - 1.0 / new
     by -= of_rest / new[..., None]
+    parts = {name: part[kept] for name, part in vars(run.coordinates).items()}
     return replace(
         run,
+        coordinates=replace(run.coordinates, **parts),
         along=load,
         load=load,
         values=run.values[kept] + np.log(over / new),

@@ -23,7 +23,7 @@ paths; by kind of path, ``study`` (materials typical of studies) or ``range`` (a
 the whole range). ``fine`` has the same for the chosen way on the fine mesh, the coarse mesh's terms
 corrected by few, and the fine path left out with its coarse twin. Solve the paths again with
 ``--solve FILE`` (half an hour). ``shipped`` has the errors of the package's emulator against those
-fine paths, which it was not trained on.
+fine paths, which it was not trained on; they served to choose its terms.
 """
 
 import argparse

@@ -86,7 +86,7 @@ class DetectableCause(Record):
 
 
 class Detectable(Record):
-    """The smallest misfit that a study would have shown in nine of ten repetitions."""
+    """The smallest misfit that nine of ten repetitions of a study would detect."""
 
     kind: Text = entry("kind of the readings", "")
     misfit_pct: Real = entry(
@@ -96,16 +96,8 @@ class Detectable(Record):
     )
     specimens: int = Field(default=0, description="specimens with such readings")
     causes: tuple[DetectableCause, ...] = entry(
-        "sizes of the nearest causes that any plausible size would have shown", ()
+        "sizes of the nearest causes; those that no plausible size would reveal are left out", ()
     )
-
-
-class ImplausibleErrors(Record):
-    """What is implausible of the errors that a model needs."""
-
-    kind: Text = entry("kind of the readings", "")
-    noise_ratio: Real = entry("noise it assumes, over what neighbouring readings differ by", NAN)
-    r_squared: Real = entry("R² of its predictions without scatter", NAN)
 
 
 class RuptureMisfit(Record):

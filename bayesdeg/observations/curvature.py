@@ -946,7 +946,7 @@ def draw_readings(
     """Draw readings of new specimens, see `Curvature.drawn`, and their predictions.
 
     With ``survived``, a specimen without a solution at one of its readings, as beyond ballooning,
-    is drawn anew, alone: the real one was read there.
+    is redrawn on its own, since the real specimen was read there.
     """
     sd = deviation_sd(state, data)
     deviation = sd * generator.standard_normal(sd.shape)

@@ -24,7 +24,7 @@ class OptionalStage(StrEnum):
     WITH_SUSPECTS = "verdict with the suspects"
     VERDICT = "verdict"
     CALIBRATION = "misfit against chance"
-    DETECTABLE = "smallest misfit that would have shown"
+    DETECTABLE = "smallest detectable misfit"
     ERRORS = "plausibility of noise and scatter"
     RUPTURE_MISFIT = "ruptures against the base model"
     RUPTURE_COUNTS = "counts of ruptures against the model"

@@ -248,7 +248,7 @@ class VerdictRecord(FileRecord):
     )
     misfit: MisfitEntry = MisfitEntry()
     detectable: Detectable | None = entry(
-        "the smallest misfit that this study would have shown; null where chance is not known"
+        "the smallest misfit that this study could have detected; null if no p-value is known"
     )
     ruptures: RuptureMisfit | None = entry("null where no actuator could be judged by its rupture")
     rupture_counts: tuple[RuptureCountsEntry, ...] = entry(

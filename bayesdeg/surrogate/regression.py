@@ -34,7 +34,7 @@ Flags = NDArray[np.bool_]
 
 LIMIT_MARGIN = 0.97  # share of a limit load up to which a held tip is emulated
 TO = 0.99  # share of the limit pressure up to which errors at a given load are measured
-FLOOR = 0.5  # smallest weight of a reading, relative to the curve's largest
+FLOOR = 0.5  # smallest weight of a reading, relative to the largest in its curve
 COUNTED = [0, 1, -1]  # quantities relative to rest: curvature, bend angle, volume
 QUANTILES = [2, -3, -2]  # at rest all stretches are equal, so their initial growth is unknown
 STRAINED = slice(2, -1)  # those strained at rest too, where mismatch or weight act

@@ -314,11 +314,11 @@ DEGREES = 180.0 / math.pi
 NODES = 33  # places of the range of the swelling at which a curve of loads is tabulated
 STEPS = 2  # of Newton's method from the first guess: the error is then that of rounding
 END = 0.995
-"""Share of the ballooning pressure up to which a curve is followed: d ln κ/d ln p is some 20 there.
-It then continues along its tangent."""
+"""Share of the ballooning pressure up to which a curve is followed: its slope is infinite there. It
+then continues along its tangent."""
 GROWTH = 2.0
-"""d ln κ/d ln p up to which the mesh error was measured; where curves are steeper, it grows like
-that of the pressure."""
+"""d ln κ/d ln p up to which the mesh error is taken as constant. In steeper curves it is assumed
+to grow like that of the pressure."""
 _HALF = 0.5 * WHOLE_SWELLING
 
 
@@ -435,7 +435,7 @@ def map_of_rows(
 # rows of the working space of a block
 _X, _SWELLING, _PHI, _LOAD, _BY_X = 0, 1, 2, 3, 4  # place on [−1, 1], t, φ, q and dq/dx there
 _LOW, _HIGH, _BEND = 5, 6, 7  # bounds of a cell, and d²q/dx² in it
-_ENDS, _LIMITS, _LAST, _GROWS = 8, 9, 10, 11  # q and x at the end; d ln t/d ln q at a place
+_ENDS, _LIMITS, _LAST, _GROWS = 8, 9, 10, 11  # q and x at the end; dt/dx at a place
 _PLACES = 12
 _LARGEST_LOAD, _SLACK, _GIVE, _OFFSET, _BENDING = 0, 1, 2, 3, 4  # rows of row constants
 

@@ -53,7 +53,7 @@ from bayesdeg.criticism.decide.verdict import (
     decide,
     share_explained,
 )
-from bayesdeg.criticism.findings import Conflict, Detectable, ImplausibleErrors, RuptureMisfit
+from bayesdeg.criticism.findings import Conflict, Detectable, RuptureMisfit
 from bayesdeg.criticism.fit.search import Search, SearchEffort, Step, run_search
 from bayesdeg.criticism.holdout.held_out import HeldOut
 from bayesdeg.criticism.outcome import LEFT_LEVEL, MISFIT_LEVEL, Outcome
@@ -235,10 +235,10 @@ def test_a_map_that_errs_by_more_than_the_readings_is_not_called_adequate():
 
 @pytest.mark.parametrize("supported", [(), (support(),)])
 def test_errors_that_the_readings_do_not_have_are_a_misfit(supported):
-    errors = ImplausibleErrors(kind="curvature", noise_ratio=5.0, r_squared=0.9)
+    errors = TakenForErrors("curvature", 5.0, 0.9)
     found = outcome_of(*supported, base=step(0.5), errors=errors)
     assert (found.outcome, found.causes) == (Outcome.UNEXPLAINED, ())
-    assert found.reasons == (TakenForErrors("curvature", 5.0, 0.9),)
+    assert found.reasons == (errors,)
 
 
 @pytest.mark.parametrize("p_value", [0.001, 0.5])

@@ -1,4 +1,4 @@
-r"""The smallest misfit that a study would have shown.
+r"""The smallest misfit that a study could have detected.
 
 For smooth relative discrepancies f common to all specimens, drawn from the kernels of
 `checks.discrepancy`, the amplitude a is found at which the misfit test is significant in
@@ -48,7 +48,7 @@ CAUSES = 3  # nearest causes whose sizes are stated
 
 
 def detectable_misfit(linear: Linear, misfit: Misfit, simulated: Floats) -> Detectable | None:
-    """Return the smallest smooth misfit that would have been significant, without causes.
+    """Return the smallest smooth misfit that the study could have detected, without causes.
 
     Parameters
     ----------

@@ -12,21 +12,41 @@ that predicts readings is better than their mean: with the scatter of specimens 
 .. math:: R^2 = 1 - \frac{\sum (y - f)^2}{\sum (y - \bar y)^2} \ge 0.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdeg.criticism.findings import ImplausibleErrors
 from bayesdeg.criticism.fit.linear import Linear
 
 Floats = NDArray[np.float64]
 
 SEVERAL = 3.0
-"""Noise of data simulated from the model over that of the measured ones, from which it is not
-noise: rounding and small samples change it by less than a half."""
-FEWEST = 12  # second differences whose rms has an error of a fifth
+"""Ratio of the noise that the model assumes to that of the readings, above which a misfit has been
+taken for noise."""
+FEWEST = 12  # second differences: their rms is known to a fifth if they are independent
 
 
-def implausible_errors(linear: Linear, simulated: Floats) -> ImplausibleErrors | None:
+@dataclass(frozen=True)
+class TakenForErrors:
+    """The model needs errors that the readings do not have.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the readings.
+    noise_ratio : float
+        Noise that it assumes, over what neighbouring readings differ by [–].
+    r_squared : float
+        R² of its predictions without scatter [–].
+    """
+
+    kind: str
+    noise_ratio: float
+    r_squared: float
+
+
+def implausible_errors(linear: Linear, simulated: Floats) -> TakenForErrors | None:
     """Return what is implausible of the errors of a fitted model; None if nothing is.
 
     Parameters
@@ -35,10 +55,6 @@ def implausible_errors(linear: Linear, simulated: Floats) -> ImplausibleErrors |
         The fitted model; the first kind of the family that comes last is looked at.
     simulated : array, shape (k, n_readings)
         Data sets simulated from it.
-
-    Examples
-    --------
-    Of readings with a noise of 1 where the model assumes 9, see the tests.
     """
     places, observed = linear.subject.places, linear.subject.observed
     rows = places.family == places.family[-1]
@@ -55,7 +71,7 @@ def implausible_errors(linear: Linear, simulated: Floats) -> ImplausibleErrors |
         ratio = assumed / max(own, 1e-12 * assumed) if assumed > 0.0 else 1.0
     if ratio < SEVERAL and r_squared >= 0.0:
         return None
-    return ImplausibleErrors(kind=kind, noise_ratio=ratio, r_squared=r_squared)
+    return TakenForErrors(kind, ratio, r_squared)
 
 
 def _triples(rows: NDArray[np.intp], specimen: NDArray[np.str_]) -> NDArray[np.intp]:

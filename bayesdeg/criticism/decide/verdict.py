@@ -30,13 +30,13 @@ from bayesdeg.criticism.checks.discrepancy import (
     explained_on_one_scale,
 )
 from bayesdeg.criticism.checks.missing_terms import MissingTerms
+from bayesdeg.criticism.checks.plausible_errors import TakenForErrors
 from bayesdeg.criticism.checks.shared_scatter import SharedScatter
 from bayesdeg.criticism.decide.alternatives import StatedSets
 from bayesdeg.criticism.decide.support import Support
 from bayesdeg.criticism.findings import (
     Conflict,
     Detectable,
-    ImplausibleErrors,
     Questioned,
     RuptureMisfit,
 )
@@ -66,7 +66,7 @@ class Uncalibrated:
 
 @dataclass(frozen=True)
 class LittlePower:
-    """A smooth misfit up to this size [% of the largest reading] would have stayed hidden."""
+    """A smooth misfit up to this size [% of the largest reading] would have gone undetected."""
 
     kind: str
     misfit_pct: float
@@ -78,15 +78,6 @@ class CoarseMap:
     """The forward map errs by more than the readings, relative to their errors."""
 
     ratio: float
-
-
-@dataclass(frozen=True)
-class TakenForErrors:
-    """The model needs errors that the readings do not have."""
-
-    kind: str
-    noise_ratio: float
-    r_squared: float
 
 
 @dataclass(frozen=True)
@@ -278,7 +269,7 @@ def decide(
     stated: StatedSets | None = None,
     held_out: bool = True,
     detectable: Detectable | None = None,
-    errors: ImplausibleErrors | None = None,
+    errors: TakenForErrors | None = None,
     coarse: CoarseMap | None = None,
 ) -> Decision:
     """Return the outcome.
@@ -324,7 +315,7 @@ def decide(
     held_out : bool
         Whether specimens were to be held out; if not, causes need no confirmation by them.
     detectable : Detectable, optional
-        The smallest misfit that the base model would have shown.
+        The smallest misfit that the study could have detected.
     errors : ImplausibleErrors, optional
         What is implausible of the errors with all that the evidence favours.
     coarse : CoarseMap, optional
@@ -347,7 +338,7 @@ def decide(
     off = off or bool(by_level) or (of_readings and bool(structured))
     reasons = [*against_held_out(confirming), *against_sizes(supported), *by_level, *against]
     if errors is not None:
-        reasons.append(TakenForErrors(errors.kind, errors.noise_ratio, errors.r_squared))
+        reasons.append(errors)
     if not supported or reasons:
         if misread and len(alike) > 1:
             return Decision(Outcome.AMBIGUOUS, alike, reasons=tuple(reasons))
