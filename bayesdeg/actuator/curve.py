@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from threading import Lock
 
@@ -228,9 +228,6 @@ class PathSamples:
         Their derivatives by ``sensitivity.INPUTS``.
     status, limit_load, iterations, solver
         As in ``CurveSolution``.
-    between : array, shape (m, n_outputs)
-        Readings at the curve's own loads reached, interpolated between equilibria; empty for a held
-        tip.
     """
 
     loads: Floats
@@ -240,7 +237,6 @@ class PathSamples:
     limit_load: float
     iterations: int
     solver: str
-    between: Floats = field(default_factory=lambda: np.empty((0, len(OUTPUTS))))
 
 
 Read = Callable[[ActuatorMesh, DiscreteEquations, Sequence[Point]], tuple[Floats, Floats]]
@@ -318,9 +314,10 @@ class Actuator:
             mesh, problem = self.equations(curve)
         except (GeometryError, ValueError):
             return _empty(Status.INVALID_INPUT, outputs)
+        by_load = replace(effort or PathEffort(), beyond=0.0)
         with self._lock:
             solver = self._opened()
-            path = follow(problem, solver, loads=curve.loads, effort=effort)
+            path = follow(problem, solver, loads=curve.loads, effort=by_load)
         return _solution(path, solver.name, partial(read, mesh, problem), outputs)
 
     def solve_with_gradients(
@@ -345,7 +342,9 @@ class Actuator:
             raise BayesdegError(
                 f"{self.backend} gives no derivatives by the inputs; use {Backend.KERNELS}"
             )
-        exact = replace(effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True)
+        exact = replace(
+            effort or PathEffort(tolerance=1e-6, rate_tolerance=1e-7), exact=True, beyond=0.0
+        )
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
@@ -365,21 +364,18 @@ class Actuator:
     def sample(self, curve: Curve, *, effort: PathEffort | None = None) -> PathSamples:
         """Follow a curve to its last load; return readings and derivatives at its equilibria.
 
-        In between, at the curve's loads, there are readings without derivatives, unless the path
-        goes through its limit point (``effort.beyond``). All derivatives
-        less than double the cost of a curve. They serve for training, so those of quantiles are
-        smoothed: exact ones jump from load to load. Of derivatives by the shape, the part due to
-        the body's motion is smooth, that due to the moved mesh is not. For a held tip only the
-        force is read, as by `tip_forces`. If scikit-fem assembles the equations, the path is its
-        own; derivatives by the inputs are those of the kernels on it.
+        All derivatives less than double the cost of a curve. They serve for training, so those of
+        quantiles are smoothed: exact ones jump from load to load. Of derivatives by the shape, the
+        part due to the body's motion is smooth, that due to the moved mesh is not. For a held tip
+        only the force is read, as by `tip_forces`. If scikit-fem assembles the equations, the path
+        is its own; derivatives by the inputs are those of the kernels on it.
         """
         outputs = 1 if self.held else len(OUTPUTS)
         try:
             mesh, problem = self.problem(curve)
         except (GeometryError, ValueError):
-            none = np.empty((0, outputs))
-            gradients = _stacked([], outputs)
-            return PathSamples(np.empty(0), none, gradients, Status.INVALID_INPUT, 0.0, 0, "", none)
+            none, gradients = np.empty((0, outputs)), _stacked([], outputs)
+            return PathSamples(np.empty(0), none, gradients, Status.INVALID_INPUT, 0.0, 0, "")
         with self._lock:
             record = self._recorder(problem, mesh, enough=1e-4, is_smooth=True)
             solver, equations = self._opened(), self._assembled(mesh, problem)
@@ -391,9 +387,6 @@ class Actuator:
                 record.visit(step, solver)
 
             path = follow(equations, solver, loads=curve.loads, effort=effort, visit=visit)
-        between = np.empty((0, outputs))
-        if not self.held:
-            between, _ = _outputs_at(mesh, problem, path.points, has_rates=False)
         return PathSamples(
             np.array(record.loads),
             np.array(record.readings).reshape(-1, outputs),
@@ -402,7 +395,6 @@ class Actuator:
             path.limit_load,
             path.iterations,
             solver.name,
-            between,
         )
 
     def _recorder(
@@ -486,13 +478,12 @@ def _stacked(gradients: Sequence[Floats], outputs: int = len(OUTPUTS)) -> Floats
 
 
 def _outputs_at(
-    mesh: ActuatorMesh, _: DiscreteEquations, points: Sequence[Point], *, has_rates: bool = True
+    mesh: ActuatorMesh, _: DiscreteEquations, points: Sequence[Point]
 ) -> tuple[Floats, Floats]:
-    """Return all outputs along a path, and their rates, which are zero if not wanted."""
+    """Return all outputs along a path, and their rates."""
     angle, found = 0.0, list[Reading]()
     for point in points:
-        rate = point.rate if has_rates else None
-        found.append(read_state(mesh, point.state, rate=rate, previous_angle=angle))
+        found.append(read_state(mesh, point.state, rate=point.rate, previous_angle=angle))
         angle = found[-1].bend_angle
     values = np.array([one.values for one in found]).reshape(-1, len(OUTPUTS))
     return values, np.array([one.rates for one in found]).reshape(-1, len(OUTPUTS))

@@ -78,7 +78,8 @@ class PathEffort:
         Minimum number of steps up to the last load.
     beyond : float
         Share by which the cavity volume grows beyond that of a limit point [–]. Above 0 the path is
-        followed by its volume from rest, for ``Actuator.sample``: there are no readings at loads.
+        followed by its volume from rest. Only ``Actuator.sample`` does so: readings at given loads
+        are found by the load.
     exact : bool
         Whether to find an equilibrium at every requested load; otherwise the path is interpolated
         between its steps, with an error below the tolerance.

@@ -301,9 +301,7 @@ def decode(content: bytes, run: Run) -> tuple[Solution, dict[str, Any]]:
         if run.kind is Kind.CURVE:
             arrays = (m["readings"], m["rates"], m["rest"], m["rest_rates"])
             return CurveSolution(*arrays, *whole), record
-        # earlier files lack readings between the equilibria
-        between = m.get("between", np.empty((0, m["readings"].shape[1])))
-        return PathSamples(m["loads"], m["readings"], m["gradients"], *whole, between), record
+        return PathSamples(m["loads"], m["readings"], m["gradients"], *whole), record
     except Exception as fault:  # a damaged archive may raise anything
         raise _DamagedError(repr(fault)) from fault
 
@@ -325,9 +323,6 @@ def _check_shapes(run: Run, members: dict[str, Any]) -> None:
             raise ValueError(f"it has {n} loads, not {len(run.curve.loads)}")
     else:
         wanted |= {"loads": (n,), "gradients": (n, outputs, inputs)}
-        if "between" in members:
-            most = min(len(members["between"]), len(run.curve.loads))
-            wanted |= {"between": (most, outputs)}
     for name, shape in wanted.items():
         array = members[name]
         if array.shape != shape or array.dtype != np.float64:

@@ -52,20 +52,6 @@ def test_samples_are_equilibria_and_their_derivatives(two_chambers, material, sa
     assert smooth < 1e-3
 
 
-@pytest.mark.long
-def test_between_equilibria_what_the_path_reads_at_the_loads_asked_for(two_chambers, fresh):
-    effort, whole = PathEffort(steps=2), Curve(tuple(np.linspace(0.05, 0.5, 10).tolist()), fresh)
-    found = two_chambers.sample(whole, effort=effort)
-    expected = two_chambers.solve(whole, effort=effort)
-    assert len(found.loads) < len(whole.loads)
-    np.testing.assert_allclose(found.between, expected.readings, rtol=1e-12)
-    # far beyond its limit a path ends at fewer loads than were asked for
-    far = replace(whole, loads=(*whole.loads, 50.0))
-    ended = two_chambers.sample(far, effort=effort)
-    assert ended.status is not Status.CONVERGED
-    assert len(ended.between) == len(whole.loads)
-
-
 def test_a_path_without_time_is_given_up_with_a_status(two_chambers, fresh):
     curve = Curve(LOADS, fresh)
     assert two_chambers.solve(curve, effort=PathEffort(seconds=0.0)).status is Status.TIMED_OUT

@@ -55,9 +55,8 @@ def made_up(run, *, status=Status.CONVERGED, points=None, seed=1):
         rest, rates = rng.random((2, len(OUTPUTS))), rng.random(readings.shape)
         return CurveSolution(readings, rates, *rest, status, np.inf, 23, "pypardiso")
     gradients = rng.random((n, len(OUTPUTS), len(INPUTS)))
-    between = rng.random((n // 2, len(OUTPUTS)))
     loads = np.arange(float(n))
-    return PathSamples(loads, readings, gradients, status, 0.7, 23, "pypardiso", between)
+    return PathSamples(loads, readings, gradients, status, 0.7, 23, "pypardiso")
 
 
 def assert_same(left, right):

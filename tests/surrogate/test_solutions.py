@@ -7,9 +7,7 @@ import subprocess
 import sys
 import time
 import warnings
-from dataclasses import replace
 from pathlib import Path
-from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -56,20 +54,6 @@ def test_a_file_says_what_it_is_without_this_package_and_without_pickle(store, k
     assert record["run"] == run.parameters()
     assert record["run"]["curve"]["loads"] == list(run.curve.loads)
     assert record["run"]["geometry"]["dimensions"]["length"] == 14.0
-
-
-def test_a_file_of_before_readings_between_the_equilibria_has_none(store):
-    run = wanted(Kind.SAMPLES)
-    solution = made_up(run)
-    store.put(run, solution)
-    (path,) = store.folder.glob("*.npz")
-    with ZipFile(path) as whole:
-        members = {name: whole.read(name) for name in whole.namelist()}
-    assert members.pop("between.npy")
-    with ZipFile(path, "w") as old:
-        for name, content in members.items():
-            old.writestr(name, content)
-    assert_same(store.get(run), replace(solution, between=np.empty((0, len(OUTPUTS)))))
 
 
 def test_bytes_depend_on_the_solution_alone(store, monkeypatch, tmp_path):
