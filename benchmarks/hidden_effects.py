@@ -40,6 +40,7 @@ from threadpoolctl import threadpool_limits
 from bayesdeg.actuator.inputs import ForwardMap
 from bayesdeg.analysis.calibrate import base_without_chain
 from bayesdeg.analysis.judge import JUDGE_EFFORTS, Judgement, judge
+from bayesdeg.assembly.assemble import Assembly
 from bayesdeg.assembly.reach import assemble_within_reach
 from bayesdeg.criticism.fit.linear import (
     Linear,
@@ -54,7 +55,6 @@ from bayesdeg.data.study import read_study
 from bayesdeg.laboratory.truth import HiddenEffect, Truth
 from bayesdeg.pages.wording import worded
 from bayesdeg.progress import Silent
-from bayesdeg.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]
@@ -95,12 +95,12 @@ def examined(
     effort: str,
     seed: int,
     draw: int = 0,
-    surrogate: Surrogate | None = None,
+    assembly: Assembly | None = None,
 ) -> Json:
-    """Judge a study from its folder, by default with the emulator that ships with the package."""
+    """Judge a study from its folder, by default with all that the shipped emulator reaches."""
     start = time.perf_counter()
     with threadpool_limits(limits=1):
-        assembly = assemble_within_reach(read_study(folder), surrogate)
+        assembly = assembly or assemble_within_reach(read_study(folder))
         fitting, judging = np.random.SeedSequence(study.number).spawn(2 * draw + 2)[-2:]
         base = base_without_chain(assembly.model, fitting)
         begun = time.perf_counter()
@@ -163,6 +163,7 @@ def _found(judgement: Judgement) -> Json:
         "alternatives": [list(names) for names in decision.alternatives],
         "reasons": [worded(reason) for reason in decision.reasons],
         "p_value": judgement.misfit.p_value,
+        "lost": judgement.misfit.lost,
         "p_left": judgement.left.p_value,
         "statistic": judgement.misfit.statistic,
         "left": judgement.left.statistic,

@@ -4,7 +4,7 @@ Everything is drawn for each study: material laws, specimens, degradation rates,
 correlated along a curve, and the hidden effect.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -280,6 +280,11 @@ def _outside(
     return HiddenEffect(cause, {name: value * size for name, value in cause.typical.items()})
 
 
+def is_stiff(truth: Truth) -> bool:
+    """Return whether fresh actuators are far from ballooning at `LARGEST_PRESSURE`."""
+    return truth.c1[0] >= SOFTEST
+
+
 @dataclass(frozen=True)
 class MadeStudy:
     """A study as it was recorded, and what is true of it.
@@ -307,8 +312,9 @@ def experimented(
     design: Design | None = None,
     bursts: bool = False,
     elongation: Three | None = None,
+    fits: Callable[[Truth], bool] = is_stiff,
 ) -> MadeStudy:
-    """Make the experiment; materials that balloon are drawn anew.
+    """Make the experiment; materials that do not fit, or balloon, are drawn anew.
 
     The design is the one that the study names, or a given one instead. Where actuators are meant to
     burst, theirs may; the elongation at break is that of `Truth`, or a given one [%].
@@ -318,7 +324,7 @@ def experimented(
     for attempt in range(TRIES):
         generator = np.random.default_rng((seed, drawn_as, attempt))
         material = drawn_truth(generator)
-        if material.c1[0] < SOFTEST:
+        if not fits(material):
             continue
         truth = replace(
             material,

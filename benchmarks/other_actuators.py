@@ -38,6 +38,7 @@ from bayesdeg.actuator.geometry import Geometry
 from bayesdeg.actuator.inputs import Inputs
 from bayesdeg.actuator.mesh import COARSE
 from bayesdeg.actuator.status import Status
+from bayesdeg.assembly.reach import assemble_within_reach
 from bayesdeg.causes.catalogue import find
 from bayesdeg.console import errors
 from bayesdeg.data.settings import Dimensions
@@ -152,7 +153,8 @@ def judged(number: int, *, seed: int, workers: int) -> Json:
     read = read_study(folder)
     with workplace(workers, None) as executor:
         surrogate = emulator_for(read, None, options=TrainingOptions(yes=True), executor=executor)
-    found = examined(study, folder, truth, {}, effort="quick", seed=seed, surrogate=surrogate)
+    assembly = assemble_within_reach(read, surrogate)
+    found = examined(study, folder, truth, {}, effort="quick", seed=seed, assembly=assembly)
     return found | {"dimensions": vars(read.settings.dimensions)}
 
 

@@ -15,7 +15,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from hidden_studies import ONLY_IN, REFUSED, HiddenStudy, designs, experimented, write_folder
+from hidden_studies import (
+    ONLY_IN,
+    REFUSED,
+    HiddenStudy,
+    designs,
+    experimented,
+    is_stiff,
+    write_folder,
+)
 from numpy.typing import NDArray
 from physics.fields import (
     Diffusion,
@@ -767,21 +775,21 @@ def drawn_by_physics(number: int, *, seed: int) -> PhysicalStudy:
 
 
 def made_by_physics(
-    study: PhysicalStudy, folder: Path, *, forward: ForwardMap, seed: int, command: str
+    study: PhysicalStudy, folder: Path, **how: Any
 ) -> tuple[Truth, Mapping[str, Floats]]:
     """Write the folder of a study; return the truth, and what each effect changes of the readings.
 
-    The change is that against a twin, in which it alone is missing and all else is as it was. Of
-    what only changes what is written beside the readings there is none.
+    ``how`` are the other arguments of `written`. The change is that against a twin, in which it
+    alone is missing and all else is as it was. Of what only changes what is written beside the
+    readings there is none.
     """
-    truth = written(study, study.physics, folder, forward=forward, seed=seed, command=command)
+    truth = written(study, study.physics, folder, **how)
     observed, changes = _observed(folder), {}
     for one in study.physics:
         if not one.shows_in_readings:
             continue
         twin = folder.with_name(f"{folder.name}-without-{one.cause}")
         others = tuple(other for other in study.physics if other is not one)
-        how: dict[str, Any] = {"forward": forward, "seed": seed, "command": command}
         same = written(study, others, twin, **how, tests_of=study.physics)
         without = _observed(twin)
         if same == truth and without.shape == observed.shape:
@@ -801,6 +809,7 @@ def written(
     tests: Design | None = None,
     dimensions: Dimensions | None = None,
     mesh: Resolution = FINE,
+    fits: Callable[[Truth], bool] = is_stiff,
 ) -> Truth:
     """Write the folder of a study in which given effects are at work; return what is true of it.
 
@@ -823,13 +832,15 @@ def written(
         Of the actuators; by default those of the source.
     mesh : Resolution
         Of the forward map.
+    fits : callable
+        Whether a material may be that of the study.
     """
     design = design_with(
         tests_of or physics, designs()[study.design] if tests is None else tests, study.design
     )
     bare = replace(study, effects=(), physics=())
     acting = forward_with(physics, design, forward)
-    made = experimented(bare, forward=acting, seed=seed, design=design)
+    made = experimented(bare, forward=acting, seed=seed, design=design, fits=fits)
     tables = made.experiment.tables
     for place, one in enumerate(physics):
         if one.recorded is not None:
