@@ -395,7 +395,7 @@ def map_of_rows(
     table, slopes = np.empty((max(2, count), BLOCK)), np.empty((max(2, count), BLOCK))
     nodes, rates = np.empty((NODES, BLOCK)), np.empty((NODES, BLOCK))
     at, asked = np.zeros((_PLACES, BLOCK)), np.empty(BLOCK)
-    sums, by_place, by_phi = np.empty((Y, BLOCK)), np.empty((Y, BLOCK)), np.empty((Y, BLOCK))
+    sums, by_place, by_phi = np.empty((Y, BLOCK)), np.empty(BLOCK), np.empty(BLOCK)
     of_row = np.empty((5, BLOCK))
     for first in range(0, n_rows, BLOCK):
         lanes = min(BLOCK, n_rows - first)
@@ -407,8 +407,8 @@ def map_of_rows(
         contract(along, rows.points, terms, first, lanes)
         contract(of_load_error, rows.points, load_error, first, lanes)
         contract(along_error, rows.points, error, first, lanes)
-        last = _tabulate_loads(nodes, rates, at, of_row, of_load, load, table, slopes, sums, by_phi)
-        _find_ends(at, nodes, rates, last, of_row, of_load, load, table, slopes, sums, by_phi)
+        last = _tabulate_loads(nodes, rates, at, of_row, of_load, load, table, slopes, sums)
+        _find_ends(at, nodes, rates, last, of_row, of_load, load, table, slopes, sums)
         for lane in range(lanes):
             ends[first + lane], limits[first + lane] = at[_ENDS, lane], at[_LIMITS, lane]
         for column in range(n_columns):
@@ -419,15 +419,15 @@ def map_of_rows(
                     asked[lane] = 0.0
             _start(at, asked, nodes, rates, last)
             for _ in range(STEPS):
-                _load_at(at, of_row, of_load, load, table, slopes, sums, by_phi)
+                _load_at(at, of_row, of_load, load, table, slopes, sums)
                 _step(at, asked)
-            _load_at(at, of_row, of_load, load, table, slopes, sums, by_phi)
-            _write(out, at, asked, first, lanes, column)
-            _series(sums, by_place, by_phi, along, terms, at, table, slopes)
+            _load_at(at, of_row, of_load, load, table, slopes, sums)
+            _write(out, at, first, lanes, column)
+            _series(sums, by_place, by_phi, along, terms, at, table, slopes, True)
             _write_outputs(out, at, of_row, sums, by_place, by_phi, first, lanes, column)
-            _series(sums, by_place, by_phi, along_error, error, at, table, slopes)
-            _write_errors(out, at, of_row, sums, first, lanes, column)
-            _series(sums, by_place, by_phi, of_load_error, load_error, at, table, slopes)
+            _series(sums, by_place, by_phi, along_error, error, at, table, slopes, False)
+            _write_errors(out, sums, first, lanes, column)
+            _series(sums, by_place, by_phi, of_load_error, load_error, at, table, slopes, False)
             _combine(out, sums, mesh_error, first, lanes, column)
     return out, ends, limits
 
@@ -478,29 +478,40 @@ def _series(
     at: Floats,
     table: Floats,
     slopes: Floats,
+    has_slopes: bool,
 ) -> None:  # pragma: no cover - compiled
-    """Sum series of a plan at a place; of the first one also both derivatives."""
-    outputs, n_orders, phi = along.shape[1], plan.n_orders, at[_PHI]
+    """Sum series of a plan at a place; if wanted, of the first one also both derivatives."""
+    outputs = along.shape[1]
     sums[:outputs] = 0.0
-    by_place[0], by_phi[0] = 0.0, 0.0
-    power, before = np.ones(BLOCK), np.zeros(BLOCK)
-    for m in range(plan.n_powers):
-        for n in range(n_orders):
-            slot, polynomial, slope = along[m * n_orders + n], table[n], slopes[n]
+    by_place[:], by_phi[:] = 0.0, 0.0
+    for n in range(plan.orders[0]):
+        slot, polynomial, slope = along[n], table[n], slopes[n]
+        for output in range(outputs):
+            series, total = slot[output], sums[output]
+            for lane in range(BLOCK):
+                total[lane] += series[lane] * polynomial[lane]
+        if has_slopes:
+            series = slot[0]
+            for lane in range(BLOCK):
+                by_place[lane] += series[lane] * slope[lane]
+    if plan.n_powers == 1:
+        return
+    power, before = np.ones(BLOCK), np.empty(BLOCK)
+    for m in range(1, plan.n_powers):
+        for lane in range(BLOCK):
+            before[lane] = m * power[lane]  # m φ^(m−1)
+            power[lane] *= at[_PHI, lane]
+        for n in range(plan.orders[m]):
+            slot, polynomial, slope = along[m * plan.n_orders + n], table[n], slopes[n]
             for output in range(outputs):
                 series, total = slot[output], sums[output]
                 for lane in range(BLOCK):
                     total[lane] += series[lane] * (polynomial[lane] * power[lane])
-            series, steep = slot[0], by_place[0]
-            for lane in range(BLOCK):
-                steep[lane] += series[lane] * (slope[lane] * power[lane])
-            if m > 0:
-                felt = by_phi[0]
+            if has_slopes:
+                series = slot[0]
                 for lane in range(BLOCK):
-                    felt[lane] += series[lane] * (polynomial[lane] * before[lane])
-        for lane in range(BLOCK):
-            before[lane] = (m + 1) * power[lane]  # m φ^(m−1) of the next power
-            power[lane] *= phi[lane]
+                    by_place[lane] += series[lane] * (slope[lane] * power[lane])
+                    by_phi[lane] += series[lane] * (polynomial[lane] * before[lane])
 
 
 @compiled
@@ -512,7 +523,6 @@ def _load_at(
     table: Floats,
     slopes: Floats,
     sums: Floats,
-    by_phi: Floats,
 ) -> None:  # pragma: no cover - compiled
     """Write t, φ, q and dq/dx at the places of all lanes."""
     x, t, phi, load, by_x = at[_X], at[_SWELLING], at[_PHI], at[_LOAD], at[_BY_X]
@@ -526,8 +536,8 @@ def _load_at(
         strain = slack + of_row[_GIVE, lane] * t[lane]
         phi[lane] = slack / (strain if slack > 0.0 else 1.0)
     _tabulate(table, slopes, at, len(table))
-    by_place = np.empty((1, BLOCK))
-    _series(sums, by_place, by_phi, along, plan, at, table, slopes)
+    by_place, by_phi = np.empty(BLOCK), np.empty(BLOCK)
+    _series(sums, by_place, by_phi, along, plan, at, table, slopes, True)
     gain = sums[0]
     exponentials(gain)
     for lane in range(BLOCK):
@@ -535,7 +545,7 @@ def _load_at(
         grown = (1.0 + t[lane]) * _HALF
         slack = of_row[_SLACK, lane]
         eased = -phi[lane] * phi[lane] * of_row[_GIVE, lane] / (slack if slack > 0.0 else 1.0)
-        change = by_place[0, lane] + by_phi[0, lane] * eased * grown
+        change = by_place[lane] + by_phi[lane] * eased * grown
         load[lane] = t[lane] * gain[lane]
         by_x[lane] = gain[lane] * (grown + t[lane] * change)
         at[_GROWS, lane] = grown
@@ -552,13 +562,12 @@ def _tabulate_loads(
     table: Floats,
     slopes: Floats,
     sums: Floats,
-    by_phi: Floats,
 ) -> int:  # pragma: no cover - compiled
     """Tabulate q and dq/dx up to where all lanes have their largest load; return the last node."""
     done = np.zeros(BLOCK, np.bool_)
     for node in range(NODES):
         at[_X, :] = -1.0 + node * (2.0 / (NODES - 1))
-        _load_at(at, of_row, along, plan, table, slopes, sums, by_phi)
+        _load_at(at, of_row, along, plan, table, slopes, sums)
         open_lanes = 0
         for lane in range(BLOCK):
             load, rate = at[_LOAD, lane], at[_BY_X, lane]
@@ -583,7 +592,6 @@ def _find_ends(
     table: Floats,
     slopes: Floats,
     sums: Floats,
-    by_phi: Floats,
 ) -> None:  # pragma: no cover - compiled
     """Write the load at which curves balloon, and the place and load at which they end."""
     width = 2.0 / (NODES - 1)
@@ -603,8 +611,6 @@ def _find_ends(
         at[_ENDS, lane] = min(nodes[node, lane], of_row[_LARGEST_LOAD, lane])
         at[_LOW, lane], at[_HIGH, lane] = at[_LAST, lane] - width, at[_LAST, lane]
         low_rate[lane], high_rate[lane] = rates[max(node - 1, 0), lane], rates[node, lane]
-        if not has_limit[lane]:
-            at[_HIGH, lane] = at[_LAST, lane]
     if not np.any(has_limit):
         return
     for _ in range(5):  # regula falsi for dq/dx = 0: q errs by the square of the place's error
@@ -612,7 +618,7 @@ def _find_ends(
             share = low_rate[lane] / (low_rate[lane] - high_rate[lane])
             share = min(max(share, 0.02), 0.98) if has_limit[lane] else 1.0
             at[_X, lane] = at[_LOW, lane] + share * (at[_HIGH, lane] - at[_LOW, lane])
-        _load_at(at, of_row, along, plan, table, slopes, sums, by_phi)
+        _load_at(at, of_row, along, plan, table, slopes, sums)
         for lane in range(BLOCK):
             if not has_limit[lane]:
                 continue
@@ -664,18 +670,16 @@ def _step(at: Floats, asked: Floats) -> None:  # pragma: no cover - compiled
 
 @compiled
 def _write(
-    out: Floats, at: Floats, asked: Floats, first: int, lanes: int, column: int
+    out: Floats, at: Floats, first: int, lanes: int, column: int
 ) -> None:  # pragma: no cover - compiled
     """Write t and d ln t/d ln q; at rest their limits."""
     for lane in range(lanes):
         t, load, by_x = at[_SWELLING, lane], at[_LOAD, lane], at[_BY_X, lane]
-        out[_T, first + lane, column] = t
+        out[_T, first + lane, column] = t if at[_ENDS, lane] >= 0.0 else math.nan
         # d ln t/d ln q = (q/t) (dt/dx)/(dq/dx)
         is_rest = not t > 0.0
         rate = 1.0 if is_rest else load / t * at[_GROWS, lane] / by_x
         out[_RATE, first + lane, column] = rate
-        if not at[_ENDS, lane] >= 0.0:
-            out[_T, first + lane, column] = math.nan
 
 
 @compiled
@@ -696,8 +700,8 @@ def _write_outputs(
     for lane in range(lanes):
         row, t, phi = first + lane, out[_T, first + lane, column], at[_PHI, lane]
         # d ln κ/d ln t
-        growth = 1.0 + t / at[_GROWS, lane] * by_place[0, lane]
-        growth -= phi * (1.0 - phi) * by_phi[0, lane]
+        growth = 1.0 + t / at[_GROWS, lane] * by_place[lane]
+        growth -= phi * (1.0 - phi) * by_phi[lane]
         curvature = t * of_row[_BENDING, lane] * sums[0, lane]
         out[0, row, column] = curvature
         out[1, row, column] = t * DEGREES * sums[1, lane]
@@ -707,7 +711,7 @@ def _write_outputs(
 
 @compiled
 def _write_errors(
-    out: Floats, at: Floats, of_row: Floats, sums: Floats, first: int, lanes: int, column: int
+    out: Floats, sums: Floats, first: int, lanes: int, column: int
 ) -> None:  # pragma: no cover - compiled
     """Write squared relative standard errors of the outputs at a given swelling."""
     for k in range(Y):
@@ -863,7 +867,7 @@ class Surrogate:
         inputs = self.units.inputs(inputs)
         batch, away = self._batch(inputs)
         rows, plans, change = self._prepared(inputs.linear_scale, batch, away)
-        values, ends, _ = map_of_rows(_plain(batch.loads), rows, plans, change, self.mesh_error)
+        values, ends, _ = _mapped(batch.loads, rows, plans, change, self.mesh_error)
         refused = ~((batch.loads >= 0.0) & (batch.loads <= ends[:, None]))
         values[:, refused] = np.nan
         return self._prediction(inputs, batch, rows, values, refused, away)
@@ -904,7 +908,7 @@ class Surrogate:
             off_by = away - (away := np.clip(away, *self.departure.bounds))
             distance = np.sqrt(distance**2 + np.sum(off_by**2, axis=0))
         rows, plans, change = self._prepared(inputs.linear_scale, inner, away)
-        values, ends, _ = map_of_rows(_plain(inner.loads), rows, plans, change, self.mesh_error)
+        values, ends, _ = _mapped(inner.loads, rows, plans, change, self.mesh_error)
         asked, most = inner.loads, ends[:, None]
         known = inner.within[:, None] & np.isfinite(asked)
         values[:, ~known] = np.nan
@@ -1078,7 +1082,7 @@ class Surrogate:
         inputs = self.units.inputs(inputs)
         batch = Batch.of(inputs, self.span, one_by_one=True)
         rows, plans, change = self._prepared(inputs.linear_scale, batch, None)
-        values, ends, _ = map_of_rows(_plain(batch.loads), rows, plans, change, 0.0)
+        values, ends, _ = _mapped(batch.loads, rows, plans, change, 0.0)
         loads = batch.loads[:, 0]
         swelling = np.where((loads >= 0.0) & (loads <= ends), values[_T, :, 0], np.nan)
         gradient = curvature_gradient(inputs, batch, swelling, self.terms, self.load, self.span)
@@ -1093,8 +1097,8 @@ class Surrogate:
         modulus = np.broadcast_to(modulus_of(inputs), shape).ravel()
         rows, plans, change = self._prepared(inputs.linear_scale, batch, away)
         whole = rows._replace(largest=np.where(batch.within, np.inf, -1.0))
-        limits = map_of_rows(np.zeros((len(modulus), 1)), whole, plans, change, 0.0)[2]
-        at_end, _, _ = map_of_rows(_plain(limits[:, None]), whole, plans, change, 0.0)
+        limits = _mapped(np.zeros((len(modulus), 1)), whole, plans, change, 0.0)[2]
+        at_end, _, _ = _mapped(limits[:, None], whole, plans, change, 0.0)
         limits = np.where(limits <= batch.largest_load(self.span), limits, np.inf)
         pressure = np.where(batch.within, 1e3 * modulus * limits * self.units.load, np.nan)
         sd = np.hypot(at_end[_LOAD_ERROR, :, 0], self.mesh_error / GROWTH) * pressure
@@ -1107,7 +1111,7 @@ class Surrogate:
         """
         batch = Batch.of_groups(groups, loads, self.span).brought_inside(self.span)[0]
         rows, plans, change = self._prepared(np.ones(()), batch, None)
-        return map_of_rows(_plain(batch.loads), rows, plans, change, 0.0)[0][_T, :, 0]
+        return _mapped(batch.loads, rows, plans, change, 0.0)[0][_T, :, 0]
 
     def refusals(self, inputs: Inputs) -> dict[str, str]:
         """Say in words, by name, what lies outside the training range and by how much.
@@ -1118,7 +1122,7 @@ class Surrogate:
         counted = self.units.inputs(inputs)
         batch, away = self._batch(counted)
         rows, plans, change = self._prepared(counted.linear_scale, batch, away)
-        _, ends, limits = map_of_rows(_plain(batch.loads), rows, plans, change, 0.0)
+        _, ends, limits = _mapped(batch.loads, rows, plans, change, 0.0)
         ends = np.where(np.isinf(limits), np.inf, ends)
         found = describe(batch, self.span, ends, self.units)
         if inputs.reference_pressure is None:
@@ -1198,9 +1202,17 @@ class Surrogate:
         )
 
 
-def _plain(loads: Floats) -> Floats:
-    """Return loads in the one layout for which the map is compiled."""
-    return np.require(loads, requirements=("C", "W"))
+def _mapped(
+    loads: Floats, rows: Rows, plans: Plans, change: Floats, mesh_error: float
+) -> tuple[Floats, Floats, Floats]:
+    """Call `map_of_rows` with each load once: both branches of a cycle have the same ones."""
+    _, once, which = np.unique(loads[:1], return_index=True, return_inverse=True)
+    has_repeats = len(once) < loads.shape[1]
+    if not (has_repeats and np.array_equal(loads[:, once][:, which], loads)):
+        loads = np.require(loads, requirements=("C", "W"))  # the layout of the compiled function
+        return map_of_rows(loads, rows, plans, change, mesh_error)
+    values, ends, limits = map_of_rows(loads[:, once].copy(), rows, plans, change, mesh_error)
+    return np.take(values, which, axis=-1), ends, limits
 
 
 def _continued(found: Prediction, off: Flags, above: Floats, excess: Floats) -> Prediction:

@@ -239,8 +239,10 @@ class Plan(NamedTuple):
         Products of the terms of each group.
     coefficients : array, shape (n_groups, n_outputs, 4)
         Coefficients of the terms; 0 where groups are padded.
+    orders : array, shape (n_powers,)
+        Orders in the swelling by power of φ, zero included.
     n_orders, n_powers : int
-        Orders in the swelling and powers of φ, zero included.
+        Most of them, and powers of φ.
     """
 
     starts: Indices
@@ -249,6 +251,7 @@ class Plan(NamedTuple):
     slots: Indices
     products: Indices
     coefficients: Floats
+    orders: Indices
     n_orders: int
     n_powers: int
 
@@ -277,9 +280,10 @@ def plan_of(terms: Terms, active: tuple[bool, ...]) -> Plan:
             product, _, _ = _last_factor(product)
     place = {product: k for k, product in enumerate(sorted(chain))}
     made = [_last_factor(product) for product in place]
-    n_orders = int(orders[:, 0].max(initial=0)) + 1
+    along, slack = orders[:, 0], orders[:, SLACK]
+    n_orders, n_powers = int(along.max(initial=0)) + 1, int(slack.max(initial=0)) + 1
     groups = _grouped(
-        orders[:, SLACK] * n_orders + orders[:, 0],
+        slack * n_orders + along,
         np.array([place[row] for row in wanted], dtype=np.int64),
         terms.coefficients[:, kept],
     )
@@ -290,8 +294,9 @@ def plan_of(terms: Terms, active: tuple[bool, ...]) -> Plan:
         slots=groups[0],
         products=groups[1],
         coefficients=groups[2],
+        orders=np.array([int(along[slack == m].max(initial=-1)) + 1 for m in range(n_powers)]),
         n_orders=n_orders,
-        n_powers=int(orders[:, SLACK].max(initial=0)) + 1,
+        n_powers=n_powers,
     )
 
 

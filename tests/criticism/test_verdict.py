@@ -45,6 +45,7 @@ from bayesdeg.criticism.decide.verdict import (
     NothingHeldOut,
     NotPredictedBetter,
     NotTested,
+    OnEdge,
     SharedByLevel,
     StructureLeft,
     TakenForErrors,
@@ -108,6 +109,21 @@ def test_a_cause_is_not_named_where_the_base_model_stands_on_the_edge_of_its_ran
     assert isinstance(found.reasons[0], Uncalibrated)
     inside = replace(step(), misfit=replace(lost, lost=0.0))
     assert outcome_of(support(), base=inside).outcome is Outcome.NAMED
+
+
+@pytest.mark.parametrize(("lost", "outcome"), [(0.009, Outcome.NAMED), (0.02, Outcome.NOT_JUDGED)])
+def test_a_cause_is_not_named_where_its_own_model_leaves_the_range(lost, outcome):
+    """In one of a hundred simulated data sets, at readings that the verdict tells."""
+    places = LACKING.subject.places
+    last = places.specimen == places.specimen[-1]
+    edge = replace(misfit(0.5, 1.0), lost=lost, unanswered=np.where(last, lost, 0.0))
+    found = outcome_of(support(), final=replace(CLEAN, misfit=edge))
+    assert found.outcome is outcome
+    assert found.reasons == (
+        ()
+        if outcome is Outcome.NAMED
+        else (OnEdge(lost, (str(places.specimen[-1]),), float(places.along[last].min())),)
+    )
 
 
 def test_causes_that_act_together_are_named_together():

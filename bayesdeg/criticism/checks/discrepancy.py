@@ -19,7 +19,7 @@ over kernels K and amplitudes a, z the whitened readings.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,6 +146,8 @@ class Misfit:
         Share of simulated data sets that left the range of the forward map.
     drawn : int
         Data sets that were simulated, with those that left that range.
+    unanswered : array, shape (n_readings,)
+        Share of them in which the forward map had no answer for a reading; empty if unknown.
     """
 
     statistic: float
@@ -156,6 +158,7 @@ class Misfit:
     discrepancy: Floats
     lost: float
     drawn: int = 0
+    unanswered: Floats = field(default_factory=lambda: np.empty(0))
 
     @property
     def is_calibrated(self) -> bool:
@@ -190,6 +193,7 @@ def measure(linear: Linear, simulated: Floats) -> Misfit:
         discrepancy=linear.whitening.coloured(shrunk),
         lost=1.0 - len(known) / drawn if drawn else 0.0,
         drawn=drawn,
+        unanswered=np.mean(~np.isfinite(simulated), axis=0) if drawn else np.empty(0),
     )
 
 

@@ -131,9 +131,28 @@ class ImplausibleSize:
     beside: bool = False
 
 
-ON_EDGE = 0.5
-"""Share of simulated data sets beyond the range of the forward map above which a model without a
-known p-value stands on its edge: there causes were named that only keep curves within it."""
+ON_EDGE = 0.01
+"""Share of simulated data sets beyond the range of the forward map above which a model stands on
+its edge: there causes were named that only keep curves within it."""
+
+
+@dataclass(frozen=True)
+class OnEdge:
+    """The model with all that the evidence favours has readings where the map does not answer.
+
+    Parameters
+    ----------
+    lost : float
+        Share of the data sets simulated from it that leave the map's range [–].
+    specimens : tuple of str
+        Whose readings do so.
+    lowest : float
+        The lowest of these along a curve, as pressure [kPa].
+    """
+
+    lost: float
+    specimens: tuple[str, ...]
+    lowest: float
 
 
 @dataclass(frozen=True)
@@ -206,6 +225,7 @@ type Reason = (
     Uncalibrated
     | LittlePower
     | CoarseMap
+    | OnEdge
     | TakenForErrors
     | NotTested
     | NotComputed
@@ -348,10 +368,11 @@ def decide(
             return Decision(Outcome.NOT_JUDGED, (), reasons=tuple(both))
         outcome = Outcome.UNEXPLAINED if off else Outcome.ADEQUATE
         return Decision(outcome, (), reasons=tuple(reasons))
-    if of_readings and base.misfit.lost > ON_EDGE and not base.misfit.is_calibrated:
-        return Decision(
-            Outcome.NOT_JUDGED, (), reasons=tuple(_unknown(base, confirming, detectable, coarse))
-        )
+    edge = on_edge(final) if of_readings else None
+    if edge is not None:
+        return Decision(Outcome.NOT_JUDGED, (), reasons=(edge,))
+    if of_readings and not base.misfit.is_calibrated and base.misfit.lost > ON_EDGE:
+        return Decision(Outcome.NOT_JUDGED, (), reasons=(uncalibrated(base.misfit),))
     # the named causes, which are in every possible set, and lists of which one acts
     apart = [one for one in supported if stated is None or one.cause not in stated.favoured]
     lists = [(one.cause, *one.inseparable) for one in apart]
@@ -415,6 +436,16 @@ def _unknown(
     if coarse is not None:
         return [coarse]
     return [_against(one) for one in supported if one.elpd_diff is None]
+
+
+def on_edge(step: Step) -> OnEdge | None:
+    """Return the readings that simulated data sets have beyond the range of the forward map."""
+    if not step.misfit.lost > ON_EDGE:
+        return None
+    places, rows = step.trial.linear.subject.places, step.misfit.unanswered > ON_EDGE
+    names = dict.fromkeys(str(name) for name in places.specimen[rows])
+    lowest = float(np.min(places.along[rows], initial=np.inf))
+    return OnEdge(step.misfit.lost, tuple(names), lowest)
 
 
 def against_sizes(supported: Iterable[Support]) -> list[Reason]:
