@@ -12,7 +12,8 @@ the files alone, and judged from these at quick effort as ``bayesdeg run`` does.
   curvature smaller or larger throughout,
 - ``sound`` has the same tests as one of these, and nothing wrong.
 
-Keys by kind: ``studies``; ``adequate``, the share called so, which only the last may be;
+Keys by kind, that of sound ones with their tests: ``studies``; ``adequate``, the share called so,
+which only sound ones with several specimens may be;
 ``outcomes``, how often each, ``refused`` if the study is not read.
 """
 
@@ -137,14 +138,19 @@ def judged(number: int, folder: Path, seed: int) -> Json:
 
 def figures(found: list[Json]) -> Json:
     """Return the figures of the benchmark."""
-    by_kind = {kind: [one for one in found if one["kind"] == kind] for kind in KINDS}
+    by_kind: dict[str, list[Json]] = {}
+    for one in found:
+        is_sound = one["kind"] == "sound"
+        by_kind.setdefault(f"sound_{one['tests_like']}" if is_sound else one["kind"], []).append(
+            one
+        )
     return {
         kind: {
             "studies": len(some),
             "adequate": share(one["outcome"] == "adequate" for one in some),
             "outcomes": dict(Counter(one["outcome"] for one in some)),
         }
-        for kind, some in by_kind.items()
+        for kind, some in sorted(by_kind.items())
     }
 
 

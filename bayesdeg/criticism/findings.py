@@ -94,7 +94,9 @@ class Detectable(Record):
         "parameters are fitted again [%]",
         NAN,
     )
-    specimens: int = Field(default=0, description="specimens with such readings")
+    specimens: int = Field(
+        default=0, description="specimens with such readings; 0 if they have no scatter"
+    )
     causes: tuple[DetectableCause, ...] = entry(
         "sizes of the nearest causes; those that no plausible size would reveal are left out", ()
     )

@@ -48,6 +48,14 @@ def test_more_scatter_hides_more():
     assert 2.0 * FOUND.misfit_pct < found.misfit_pct < 5.0 * FOUND.misfit_pct
 
 
+def test_specimens_count_if_they_scatter():
+    places = LINEAR.subject.places
+    assert FOUND.specimens == len(np.unique(places.specimen[places.kind == FOUND.kind])) > 1
+    exact = straight.exact_linear(straight.readings(1))
+    alike = drawn(exact, np.random.default_rng(3), 400)
+    assert detectable_misfit(exact, measure(exact, alike), alike).specimens == 0
+
+
 def test_without_chance_nothing_is_stated():
     few = replace(MISFIT, null=MISFIT.null[:3], p_value=float("nan"))
     assert detectable_misfit(LINEAR, few, SIMULATED) is None

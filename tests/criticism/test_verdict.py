@@ -243,6 +243,13 @@ def test_readings_that_would_hide_a_large_misfit_make_no_model_adequate(p_value,
     )
 
 
+@pytest.mark.parametrize(("count", "outcome"), [(1, Outcome.NOT_JUDGED), (2, Outcome.ADEQUATE)])
+def test_one_specimen_makes_no_model_adequate(count, outcome):
+    seen = Detectable(kind="readings", misfit_pct=1.0, specimens=count)
+    assert outcome_of(base=step(0.5), detectable=seen).outcome is outcome
+    assert outcome_of(base=step(0.001), detectable=seen).outcome is Outcome.UNEXPLAINED
+
+
 def test_a_map_that_errs_by_more_than_the_readings_is_not_called_adequate():
     coarse = CoarseMap(1.7)
     assert outcome_of(base=step(0.5), coarse=coarse).reasons == (coarse,)

@@ -86,7 +86,8 @@ def detectable_misfit(linear: Linear, misfit: Misfit, simulated: Floats) -> Dete
         for shape, size in zip(moved, left, strict=True):
             shifts = [shape @ kernel.vectors for kernel in kernels]
             sizes.append(size * _amplitude(shifts, noises, kernels, bound))
-    specimens = len(np.unique(places.specimen[first]))
+    own = linear.subject.deviations(linear.mode).slope[first]
+    specimens = int(np.sum(np.any(own != 0.0, axis=0)))
     size = 100.0 * float(np.quantile(sizes, COVERED))
     return Detectable(kind=kind, misfit_pct=size, specimens=specimens)
 

@@ -431,8 +431,11 @@ def _unknown(
     """Return why a model without a detected misfit may still not count as adequate."""
     if not base.misfit.is_calibrated:
         return [uncalibrated(base.misfit)]
-    if detectable is not None and not detectable.misfit_pct <= MOST_HIDDEN:
-        return [LittlePower(detectable.kind, detectable.misfit_pct, detectable.specimens)]
+    if detectable is not None:
+        # one specimen may differ from the simulation by chance
+        is_seen = detectable.misfit_pct <= MOST_HIDDEN and detectable.specimens != 1
+        if not is_seen:
+            return [LittlePower(detectable.kind, detectable.misfit_pct, detectable.specimens)]
     if coarse is not None:
         return [coarse]
     return [_against(one) for one in supported if one.elpd_diff is None]
