@@ -314,7 +314,7 @@ def experimented(
     elongation: Three | None = None,
     fits: Callable[[Truth], bool] = is_stiff,
 ) -> MadeStudy:
-    """Make the experiment; materials that do not fit, or balloon, are drawn anew.
+    """Run the experiment; redraw the material if it does not qualify or an actuator balloons.
 
     The design is the one that the study names, or a given one instead. Where actuators are meant to
     burst, theirs may; the elongation at break is that of `Truth`, or a given one [%].

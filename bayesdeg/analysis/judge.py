@@ -142,7 +142,7 @@ class Judgement:
         Which sets of causes of the readings may be right; None where the evidence favours none, or
         it could not be computed.
     detectable : Detectable or None
-        The smallest misfit that the study could have detected; None if unknown.
+        The smallest detectable misfit; None if unknown.
     refuted : mapping of frozenset of str to tuple of Reason
         Sets of causes within odds of 20 of the best that a test refuted, and why.
     """
@@ -566,7 +566,7 @@ def judge(
 
 
 def _detectable(alone: Step, search: Search) -> Detectable | None:
-    """Return the smallest misfit that the study could have detected, and sizes of causes."""
+    """Return the smallest detectable misfit, and the detectable sizes of the nearest causes."""
     linear = alone.trial.linear
     found = detectable_misfit(linear, alone.misfit, alone.simulated)
     if found is None:

@@ -1206,9 +1206,8 @@ def _mapped(
     loads: Floats, rows: Rows, plans: Plans, change: Floats, mesh_error: float
 ) -> tuple[Floats, Floats, Floats]:
     """Call `map_of_rows` with each load once: both branches of a cycle have the same ones."""
-    _, once, which = np.unique(loads[:1], return_index=True, return_inverse=True)
-    has_repeats = len(once) < loads.shape[1]
-    if not (has_repeats and np.array_equal(loads[:, once][:, which], loads)):
+    _, once, which = np.unique(loads[:1].ravel(), return_index=True, return_inverse=True)
+    if len(once) == loads.shape[1] or not np.array_equal(loads[:, once[which]], loads):
         loads = np.require(loads, requirements=("C", "W"))  # the layout of the compiled function
         return map_of_rows(loads, rows, plans, change, mesh_error)
     values, ends, limits = map_of_rows(loads[:, once].copy(), rows, plans, change, mesh_error)

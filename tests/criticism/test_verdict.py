@@ -120,9 +120,7 @@ def test_a_cause_is_not_named_where_its_own_model_leaves_the_range(lost, outcome
     found = outcome_of(support(), final=replace(CLEAN, misfit=edge))
     assert found.outcome is outcome
     assert found.reasons == (
-        ()
-        if outcome is Outcome.NAMED
-        else (OnEdge(lost, (str(places.specimen[-1]),), float(places.along[last].min())),)
+        () if outcome is Outcome.NAMED else (OnEdge(lost, (str(places.specimen[-1]),)),)
     )
 
 

@@ -350,7 +350,7 @@ RECORDS = {
     "little power": LittlePower("curvature", 31.8, 6),
     "one specimen": LittlePower("curvature", 31.8, 1),
     "coarse map": CoarseMap(1.74),
-    "on the edge": OnEdge(0.034, ("A00-1", "A00-2"), 240.0),
+    "on the edge": OnEdge(0.034, ("A00-1", "A00-2")),
     "noise that is none": TakenForErrors("curvature", 4.2, 0.9),
     "worse than the mean": TakenForErrors("curvature", 1.1, -28.7),
     "shared scatter not tested": NotTested("creep"),

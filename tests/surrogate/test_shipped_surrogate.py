@@ -15,6 +15,7 @@ from bayesdeg.actuator.status import Status
 from bayesdeg.data.settings import Dimensions
 from bayesdeg.errors import BayesdegError
 from bayesdeg.surrogate.kept import SHIPPED, Recipe
+from bayesdeg.surrogate.surrogate import map_of_rows
 from bayesdeg.surrogate.trained import default_surrogate, surrogate_for
 
 QUANTITIES = ("curvature", "bend_angle", "peak_stretch")
@@ -128,6 +129,25 @@ def test_slope_is_its_derivative(shipped):
         shipped(replace(inputs, pressure=inputs.pressure * np.exp(d))).curvature for d in (h, -h)
     )
     np.testing.assert_allclose(shipped(inputs).slope, (up - down) / (2.0 * h), rtol=1e-6)
+
+
+def test_both_branches_of_a_cycle_are_mapped_once_and_equal_to_the_last_bit(shipped, monkeypatch):
+    up = PRESSURES[1:13]
+    cycle = np.concatenate([up, up[-2::-1]])
+    loading = shipped.continued(material(*FRESH_AND_DEGRADED, up))
+    asked = []
+
+    def counted(loads, *others):
+        asked.append(loads.shape[1])
+        return map_of_rows(loads, *others)
+
+    monkeypatch.setattr("bayesdeg.surrogate.surrogate.map_of_rows", counted)
+    whole = shipped.continued(material(*FRESH_AND_DEGRADED, cycle))
+    assert asked == [len(up)]
+    for name in ("curvature", "bend_angle", "peak_stretch", "slope", "sd"):
+        once, both = getattr(loading, name), getattr(whole, name)
+        np.testing.assert_array_equal(both[:, : len(up)], once)
+        np.testing.assert_array_equal(both[:, len(up) :], once[:, -2::-1])
 
 
 def test_deformed_arc_length_is_that_of_the_scaled_part_to_a_quarter(shipped):

@@ -1,4 +1,4 @@
-r"""The smallest misfit that a study could have detected.
+r"""The smallest misfit that a study can detect.
 
 For smooth relative discrepancies f common to all specimens, drawn from the kernels of
 `checks.discrepancy`, the amplitude a is found at which the misfit test is significant in
@@ -48,7 +48,7 @@ CAUSES = 3  # nearest causes whose sizes are stated
 
 
 def detectable_misfit(linear: Linear, misfit: Misfit, simulated: Floats) -> Detectable | None:
-    """Return the smallest smooth misfit that the study could have detected, without causes.
+    """Return the smallest detectable smooth misfit; see `detectable_causes` for its causes.
 
     Parameters
     ----------

@@ -146,13 +146,10 @@ class OnEdge:
         Share of the data sets simulated from it that leave the map's range [–].
     specimens : tuple of str
         Whose readings do so.
-    lowest : float
-        The lowest of these along a curve, as pressure [kPa].
     """
 
     lost: float
     specimens: tuple[str, ...]
-    lowest: float
 
 
 @dataclass(frozen=True)
@@ -335,7 +332,7 @@ def decide(
     held_out : bool
         Whether specimens were to be held out; if not, causes need no confirmation by them.
     detectable : Detectable, optional
-        The smallest misfit that the study could have detected.
+        The smallest detectable misfit.
     errors : ImplausibleErrors, optional
         What is implausible of the errors with all that the evidence favours.
     coarse : CoarseMap, optional
@@ -445,10 +442,8 @@ def on_edge(step: Step) -> OnEdge | None:
     """Return the readings that simulated data sets have beyond the range of the forward map."""
     if not step.misfit.lost > ON_EDGE:
         return None
-    places, rows = step.trial.linear.subject.places, step.misfit.unanswered > ON_EDGE
-    names = dict.fromkeys(str(name) for name in places.specimen[rows])
-    lowest = float(np.min(places.along[rows], initial=np.inf))
-    return OnEdge(step.misfit.lost, tuple(names), lowest)
+    names = step.trial.linear.subject.places.specimen[step.misfit.unanswered > 0.0]
+    return OnEdge(step.misfit.lost, tuple(dict.fromkeys(names.tolist())))
 
 
 def against_sizes(supported: Iterable[Support]) -> list[Reason]:
